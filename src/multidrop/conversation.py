@@ -1,0 +1,64 @@
+"""What a master says, step by step, without a line and without a clock.
+
+A conversation is a generator of steps. It composes with `yield from`; whoever
+runs it (a blocking line, an asyncio line, a script in a test) sends the answer
+of each `Ask` back in, or throws `NoReply` where none came. A conversation keeps
+the line from its first to its last step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import ClassVar, Generic, Protocol, Self, TypeVar
+
+
+class Frame(Protocol):
+    """What a line needs to know of a frame of any protocol."""
+
+    NUMBERS: ClassVar[int]  # how many sequence numbers the protocol has; 1: none
+
+    @property
+    def address(self) -> int: ...
+    def encode(self) -> bytes: ...
+    def numbered(self, number: int) -> Self:
+        """The same frame for another attempt; itself where the protocol does not number."""
+        ...
+
+    def answers(self, question: Self) -> bool:
+        """Whether this is the answer to `question`: only then may a master believe it."""
+        ...
+
+
+FrameT = TypeVar("FrameT")
+ResultT = TypeVar("ResultT")
+
+
+@dataclass(frozen=True, slots=True)
+class Ask(Generic[FrameT]):
+    """Send a frame and wait for the one that answers it."""
+
+    frame: FrameT
+    repeatable: bool = False  # reads say True; asking twice may act twice
+
+
+@dataclass(frozen=True, slots=True)
+class Tell(Generic[FrameT]):
+    """Send a frame that nobody answers: a broadcast, an acknowledge."""
+
+    frame: FrameT
+    within: float | None = None  # s after the last byte received; later it is not sent: TooLate
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """Keep the line's turn and let time pass."""
+
+    seconds: float
+
+
+class TooLate(Exception):
+    """Thrown into a conversation whose `Tell(within=...)` was not sent because time was up."""
+
+
+Conversation = Generator["Ask[FrameT] | Tell[FrameT] | Wait", FrameT, ResultT]

@@ -1,0 +1,325 @@
+"""One conversation against bytes and time: timeouts, attempts, numbering, matching.
+
+No clock in here: whoever runs an exchange passes `now`, in seconds of any
+monotonic clock. A runner is a loop of four lines::
+
+    to_send = exchange.start(now)
+    while not exchange.done:
+        ... send to_send, wait for bytes until exchange.deadline ...
+        to_send = exchange.advance(data, now)
+    ... send what is left in to_send ...
+    return exchange.result()
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from multidrop import conversation as steps
+from multidrop.conversation import Ask, Conversation, Tell, TooLate, Wait
+from multidrop.decoder import Decoder
+from multidrop.errors import Error, NoReply
+from multidrop.events import Damaged, FrameReceived
+from multidrop.timing import Timing
+
+FrameT = TypeVar("FrameT", bound=steps.Frame)
+ResultT = TypeVar("ResultT")
+
+LATE = 1.5
+"""s: a sequence number that was given up on rests so long (SLINK3's longest answer time)."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """What happened on a line since it was opened."""
+
+    requests: int = 0
+    answers: int = 0
+    no_reply: int = 0
+    damaged: int = 0
+    foreign: int = 0  # valid frames that nobody here had asked for
+    echoes: int = 0
+
+
+@dataclass(slots=True)
+class _Numbers:
+    """Sequence numbers of one address: each attempt the next one, those given up on rest."""
+
+    count: int
+    last: int = -1
+    resting: dict[int, float] = field(default_factory=dict)  # number -> free again at
+
+    def free_at(self, now: float) -> float:
+        """When the next number may be used."""
+        if not self.resting:
+            return now
+        self.resting = {number: at for number, at in self.resting.items() if at > now}
+        return min(self.resting.values()) if len(self.resting) >= self.count else now
+
+    def take(self) -> int:
+        number = (self.last + 1) % self.count
+        while number in self.resting:
+            number = (number + 1) % self.count
+        self.last = number
+        return number
+
+
+class Session(Generic[FrameT]):
+    """What a line remembers from one exchange to the next.
+
+    `echo` is True on a line that hears itself, False on one that does not, and
+    None until that is known.
+    """
+
+    def __init__(
+        self, decoder: Decoder[FrameT], timing: Timing, *, echo: bool | None = None
+    ) -> None:
+        self.decoder = decoder
+        self.timing = timing
+        self.echo = echo
+        self.counters = Counters()
+        self.quiet_from = 0.0  # the next request may start then
+        self.last_heard = 0.0  # when the last byte came
+        self.last_sent: FrameT | None = None
+        self._numbers: dict[int, _Numbers] = {}
+
+    def hear(
+        self, data: bytes, now: float, *, damaged: bool = False
+    ) -> list[FrameReceived[FrameT] | Damaged]:
+        """Decode what came at `now`; `damaged` bytes carry the port's mark of a parity error."""
+        self.last_heard = now
+        self.quiet_from = now + self.timing.gap
+        return self.decoder.line_error(data) if damaged else self.decoder.receive_data(data)
+
+    def drain(self, data: bytes, now: float) -> None:
+        """Count what came while nobody was asking; none of it will be believed."""
+        if data:
+            self.count_strays(self.hear(data, now))
+        if self.decoder.pending and now - self.last_heard >= self.timing.silence:
+            self.count_strays(self.decoder.silence())
+
+    def count_strays(self, events: list[FrameReceived[FrameT] | Damaged]) -> None:
+        for event in events:
+            if isinstance(event, Damaged):
+                self.counters.damaged += 1
+            elif self.echo is not False and event.frame == self.last_sent:
+                self.counters.echoes += 1
+                self.last_sent = None
+            else:
+                self.counters.foreign += 1
+
+    def numbers(self, frame: FrameT) -> _Numbers:
+        found = self._numbers.get(frame.address)
+        if found is None:
+            found = self._numbers[frame.address] = _Numbers(frame.NUMBERS)
+        return found
+
+
+class Exchange(Generic[FrameT, ResultT]):
+    """Carries out one conversation on one line."""
+
+    def __init__(
+        self, conversation: Conversation[FrameT, ResultT], session: Session[FrameT]
+    ) -> None:
+        self._conversation = conversation
+        self._session = session
+        self._step: Ask[FrameT] | Tell[FrameT] | Wait | None = None
+        self._outcome: ResultT | None = None
+        self._error: BaseException | None = None
+        self._sent: FrameT | None = None  # the attempt that waits for its answer
+        self._numbers: _Numbers | None = None
+        self._echo_due = False
+        self._answer_until = 0.0
+        self._not_after = 0.0  # even a line that never falls silent ends an attempt
+        self._attempt = 0
+        self._damaged: list[bytes] = []
+        self._heard: list[bytes] = []
+        self.done = False
+        self.asked_at = 0.0  # when the last request started
+        self.received_at: float | None = None  # when the last answer was complete
+        self.deadline = 0.0
+        """When `advance` wants to be called even if nothing arrived."""
+
+    def start(self, now: float) -> bytes:
+        """Begin; returns the bytes to send at once (none while the line must rest)."""
+        return self._resume(None, None, now)
+
+    def advance(self, data: bytes, now: float, *, damaged: bool = False) -> bytes:
+        """Take bytes that arrived, or none at the deadline; returns the bytes to send at once."""
+        out = b""
+        if data:
+            events = self._session.hear(data, now, damaged=damaged)
+            if events:
+                out = self._take(events, now)
+            if self._sent is not None:
+                self._set_deadline()
+        while not self.done and now >= self.deadline:
+            out += self._time_passed(now)
+        return out
+
+    def result(self) -> ResultT:
+        """What the conversation returned; raises what it raised."""
+        if self._error is not None:
+            raise self._error
+        return self._outcome  # type: ignore[return-value]
+
+    def abandon(self, now: float) -> None:
+        """Whoever waited has gone: a late answer to what is on its way must not be believed later."""
+        if self._sent is not None:
+            self._give_up(now)
+        self._conversation.close()
+        self.done = True
+
+    # -- the conversation ----------------------------------------------------------------
+
+    def _resume(self, answer: FrameT | None, error: Exception | None, now: float) -> bytes:
+        self._sent = None
+        try:
+            if error is not None:
+                step = self._conversation.throw(error)
+            else:
+                step = self._conversation.send(answer)  # type: ignore[arg-type]
+        except StopIteration as stop:
+            self._outcome = stop.value
+            self.done = True
+            return b""
+        except Exception as raised:
+            self._error = raised
+            self.done = True
+            return b""
+        self._step = step
+        if isinstance(step, Wait):
+            self.deadline = now + step.seconds
+            return b""
+        self._attempt = 0
+        if self._damaged:
+            self._damaged = []
+        if self._heard:
+            self._heard = []
+        self._not_after = now + self._session.timing.answer
+        return self._send_when_quiet(now)
+
+    # -- sending -------------------------------------------------------------------------
+
+    def _send_when_quiet(self, now: float) -> bytes:
+        """Send the step's frame, or set the deadline to when the line has rested."""
+        session, step = self._session, self._step
+        assert step is not None and not isinstance(step, Wait)
+        ready = session.quiet_from
+        if isinstance(step, Ask):
+            self._numbers = session.numbers(step.frame)
+            if self._numbers.resting:
+                ready = max(ready, self._numbers.free_at(now))
+        if now < ready:
+            if ready == session.quiet_from and now > self._not_after:
+                return self._fail("the line never fell silent", now)
+            self.deadline = ready
+            return b""
+        return self._ask(step, now) if isinstance(step, Ask) else self._tell(step, now)
+
+    def _ask(self, step: Ask[FrameT], now: float) -> bytes:
+        session = self._session
+        timing = session.timing
+        if session.decoder.pending:
+            session.count_strays(session.decoder.silence())
+        assert self._numbers is not None
+        self._attempt += 1
+        self._sent = session.last_sent = step.frame.numbered(self._numbers.take())
+        self._echo_due = session.echo is not False
+        raw = self._sent.encode()
+        session.counters.requests += 1
+        self.asked_at = now
+        self._limits_from(now + len(raw) * timing.character)
+        return raw
+
+    def _limits_from(self, end_of_request: float) -> None:
+        timing = self._session.timing
+        self._answer_until = end_of_request + timing.answer
+        self._not_after = (
+            self._answer_until + timing.longest_frame * timing.character + 2 * timing.silence
+        )
+        self._set_deadline()
+
+    def _tell(self, step: Tell[FrameT], now: float) -> bytes:
+        session = self._session
+        if step.within is not None and now > session.last_heard + step.within:
+            return self._resume(None, TooLate(), now)
+        raw = step.frame.encode()
+        session.counters.requests += 1
+        session.last_sent = step.frame
+        self.asked_at = now
+        session.quiet_from = now + len(raw) * session.timing.character + session.timing.gap
+        return raw + self._resume(None, None, now)
+
+    # -- receiving -----------------------------------------------------------------------
+
+    def _take(self, events: list[FrameReceived[FrameT] | Damaged], now: float) -> bytes:
+        session = self._session
+        out = b""
+        for event in events:
+            if self._sent is None:
+                session.count_strays([event])
+            elif isinstance(event, Damaged):
+                session.counters.damaged += 1
+                self._damaged.append(event.raw)
+            elif self._echo_due and event.frame == self._sent:
+                self._echo_due = False
+                session.echo = True
+                session.counters.echoes += 1
+                self._limits_from(now)
+            elif event.frame.answers(self._sent):
+                session.counters.answers += 1
+                self.received_at = now
+                out += self._resume(event.frame, None, now)
+            else:
+                session.counters.foreign += 1
+                self._heard.append(event.raw)
+        return out
+
+    def _set_deadline(self) -> None:
+        session = self._session
+        if session.decoder.pending:
+            self.deadline = min(session.last_heard + session.timing.silence, self._not_after)
+        else:
+            self.deadline = self._answer_until
+
+    # -- time ----------------------------------------------------------------------------
+
+    def _time_passed(self, now: float) -> bytes:
+        """The deadline is over: a wait, a rest, a frame cut short, or an answer that did not come."""
+        session = self._session
+        if isinstance(self._step, Wait):
+            if session.decoder.pending:
+                session.count_strays(session.decoder.silence())
+            return self._resume(None, None, now)
+        if self._sent is None:
+            return self._send_when_quiet(now)
+        out = b""
+        if session.decoder.pending:
+            out = self._take(session.decoder.silence(), now)
+            if self._sent is None:
+                return out
+            if now < self._answer_until:
+                self._set_deadline()
+                return out
+        self._give_up(now)
+        session.counters.no_reply += 1
+        assert isinstance(self._step, Ask)
+        if self._step.repeatable and self._attempt < session.timing.attempts:
+            self._sent = None
+            self._not_after = now + session.timing.answer
+            return out + self._send_when_quiet(now)
+        return out + self._fail("no reply", now)
+
+    def _give_up(self, now: float) -> None:
+        assert self._numbers is not None
+        if self._numbers.count > 1:
+            self._numbers.resting[self._numbers.last] = now + LATE
+
+    def _fail(self, because: str, now: float) -> bytes:
+        failure = NoReply(self._attempt, tuple(self._damaged), tuple(self._heard), because=because)
+        return self._resume(None, failure, now)
+
+
+__all__ = ["Counters", "Error", "Exchange", "Session"]

@@ -1,0 +1,91 @@
+"""What is read and written, and what comes of it: points, samples, readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from multidrop.profile import PointDescription
+
+Value = bool | int | float | str | bytes
+
+
+def shown_value(value: Value) -> str:
+    """A value for a message or a table: bytes in hex, the rest as Python writes it."""
+    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
+
+
+class Role(StrEnum):
+    """What a point is for; it decides what may be repeated, restored and written over a network."""
+
+    SETTING = "setting"
+    SETPOINT = "setpoint"
+    COMMAND = "command"  # moves or enables something, switches a mode or an output, resets
+    MEASURED = "measured"
+    IDENTITY = "identity"
+    COMMUNICATION = "communication"  # address, baud, format
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One thing to read or write, as its protocol's grammar says it.
+
+    `text` is the grammar without the type; `type` the type's name, None where
+    it is not known yet; `description` what the profile says of it. A protocol
+    adds its own fields in a subclass.
+    """
+
+    text: str
+    type: str | None = None
+    description: PointDescription | None = None
+
+    @property
+    def name(self) -> str | None:
+        return self.description.name if self.description else None
+
+    @property
+    def role(self) -> Role:
+        return self.description.role if self.description else Role.UNKNOWN
+
+    @property
+    def unit(self) -> str | None:
+        return self.description.unit if self.description else None
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.text})" if self.name else self.text
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What a device gave for a point: unscaled `value`, its bytes on the wire, its fault bit.
+
+    `fault` is None where the protocol has no such bit.
+    """
+
+    value: Value
+    type: str
+    raw: bytes
+    fault: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A physical value with everything that is known of it.
+
+    `time` (UTC) is the receipt of the answer's last byte, `ms` the time from
+    the start of the request to that byte, in milliseconds.
+    """
+
+    point: str
+    name: str | None
+    value: Value
+    unit: str | None
+    type: str
+    raw: bytes
+    fault: bool | None
+    time: datetime
+    ms: float

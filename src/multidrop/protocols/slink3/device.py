@@ -1,0 +1,363 @@
+"""A SLINK3 device for everything above: points by name, values in units, the write rule, services."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from multidrop.conversation import Conversation, Wait
+from multidrop.device import Report, Write
+from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
+from multidrop.points import Point, Role, Sample, Value
+from multidrop.profile import Profile
+from multidrop.protocols.slink3 import status
+from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
+from multidrop.protocols.slink3.frame import Frame
+from multidrop.protocols.slink3.master import Master, StatusWord
+from multidrop.protocols.slink3.messages import (
+    Command,
+    Response,
+    command_name,
+    response_meaning,
+    type_name,
+)
+from multidrop.protocols.slink3.points import ParameterPoint, parse_point
+from multidrop.protocols.slink3.values import (
+    FORMATS_BY_TYPE_NAME,
+    Format,
+    encode_value,
+    parse_value,
+)
+from multidrop.writing import Written, write_once
+
+CLEAR_ATTEMPTS, CLEAR_EVERY = 20, 0.1
+"""After a fault reset the state is asked for every 0.1 s, for up to 2 s."""
+
+
+class Slink3Device:
+    """The slave at `address` as its profile's dialect speaks."""
+
+    def __init__(self, address: int, profile: Profile, dialect: Dialect) -> None:
+        self.address = address
+        self.profile = profile
+        self.dialect = dialect
+        self.master = Master(address, dialect)
+        self._types: dict[str, Format] = {}  # point text -> the type that a read has shown
+
+    # -- points ----------------------------------------------------------------------------
+
+    def point(self, text: str) -> ParameterPoint:
+        return parse_point(text, self.profile, self.dialect)
+
+    def read(self, point: Point) -> Conversation[Frame, Sample]:
+        assert isinstance(point, ParameterPoint)
+        type_code = self._type_of(point)
+        if point.standard:
+            return self._read_standard(point, type_code or Format.OCTET_STRING)
+        if type_code in (None, Format.VOID) and not self._names_types(point):
+            return self._read_trying(point)
+        return self._read_as(point, type_code or Format.VOID)
+
+    def _type_of(self, point: ParameterPoint) -> Format | None:
+        if point.type_code not in (None, Format.VOID):
+            return point.type_code
+        return self._types.get(point.text, point.type_code)
+
+    def _names_types(self, point: ParameterPoint) -> bool:
+        if point.destination == BEHIND and self.dialect.behind:
+            return DIALECTS[self.dialect.behind].names_types
+        return self.dialect.names_types
+
+    def _read_standard(
+        self, point: ParameterPoint, type_code: Format
+    ) -> Conversation[Frame, Sample]:
+        found = yield from self.master.read_standard(point.index, point.subindex or 0, type_code)
+        return Sample(found.value, type_code.type_name, found.raw, self._fault(found.fault))
+
+    def _read_as(self, point: ParameterPoint, type_code: Format) -> Conversation[Frame, Sample]:
+        found = yield from self.master.read_typed(
+            point.index, type_code, point.subindex, point.destination
+        )
+        if found.type_code in Format._value2member_map_:
+            self._types[point.text] = Format(found.type_code)
+        name = type_name(found.type_code)
+        return Sample(found.value, name, found.raw, self._fault(found.fault))
+
+    def _read_trying(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
+        """The dialect cannot name the type, so its types are asked for in turn."""
+        for type_code in TYPES_TO_TRY:
+            try:
+                return (yield from self._read_as(point, type_code))
+            except DeviceError as refusal:
+                if refusal.code not in (Response.TYPE_VALUE_ERROR, Response.TYPE_UNKNOWN):
+                    raise
+                last = refusal
+        raise last
+
+    def _fault(self, bit: bool) -> bool | None:
+        return bit if self.dialect.fault_bit else None
+
+    # -- writing ---------------------------------------------------------------------------
+
+    def prepare_write(self, text: str, value: Value | str, *, force: bool = False) -> Write:
+        point = self.point(text)
+        description = point.description
+        if description is not None and "w" not in description.access and not force:
+            raise UsageError(
+                f"{point} is read-only in profile {self.profile.name}; --force writes it"
+            )
+        if point.inferred and not force:
+            raise UsageError(
+                f"{text} is {point.text} by an inferred rule, so it is read-only; --force writes it"
+            )
+        type_code = self._type_of(point)
+        if type_code not in (None, Format.VOID):
+            assert type_code is not None
+            self._encode(point, type_code, value, force)
+        return Write(point, value, force)
+
+    def write(self, write: Write, *, verify: bool = True) -> Conversation[Frame, Written]:
+        point = write.point
+        assert isinstance(point, ParameterPoint)
+
+        def type_shown_by(sample: Sample | None) -> Format:
+            type_code = self._type_of(point)
+            if type_code in (None, Format.VOID) and sample is not None:
+                type_code = FORMATS_BY_TYPE_NAME.get(sample.type)
+            if type_code is None or type_code is Format.VOID:
+                raise UsageError(f"{point} needs a type to be written, such as {point.text}:int16")
+            return type_code
+
+        def send(old: Sample | None) -> Conversation[Frame, bool]:
+            type_code = type_shown_by(old)
+            value = self._raw_value(point, type_code, write.value, write.force)
+            again = point.role is Role.SETTING
+            if point.standard:
+                answer = yield from self.master.write_standard(
+                    point.index, point.subindex or 0, type_code, value, repeatable=again
+                )
+            else:
+                answer = yield from self.master.write_typed(
+                    point.index,
+                    type_code,
+                    value,
+                    point.subindex,
+                    point.destination,
+                    repeatable=again,
+                )
+            return answer.submitted
+
+        def wanted(sample: Sample) -> bytes:
+            return self._encode(point, type_shown_by(sample), write.value, write.force)
+
+        return write_once(
+            point, self.asked(write), lambda: self.read(point), send, wanted, verify=verify
+        )
+
+    def asked(self, write: Write) -> Value:
+        """The physical value that a write wants, as far as its type is known."""
+        point = write.point
+        assert isinstance(point, ParameterPoint)
+        type_code = self._type_of(point)
+        if type_code in (None, Format.VOID) or not isinstance(write.value, str):
+            return write.value
+        assert type_code is not None
+        return _physical(point, type_code, write.value)
+
+    def encoded(self, write: Write) -> tuple[Value, bytes]:
+        """The unscaled value of a write whose type is known, and its bytes."""
+        point = write.point
+        assert isinstance(point, ParameterPoint)
+        assert point.type_code is not None
+        value = self._raw_value(point, point.type_code, write.value, write.force)
+        return value, encode_value(point.type_code, value)
+
+    def _encode(
+        self, point: ParameterPoint, type_code: Format, value: Value | str, force: bool
+    ) -> bytes:
+        return encode_value(type_code, self._raw_value(point, type_code, value, force))
+
+    def _raw_value(
+        self, point: ParameterPoint, type_code: Format, value: Value | str, force: bool
+    ) -> Value:
+        physical = _physical(point, type_code, value)
+        if point.description is None:
+            return physical
+        if not force:
+            point.description.check_limits(physical)
+        return point.description.unscaled(physical)
+
+    # -- services --------------------------------------------------------------------------
+
+    def status(self) -> Conversation[Frame, Report]:
+        if Command.STATUS_WORD in self.dialect.commands:
+            return self._drive_status()
+        if not self.dialect.fault_bit:
+            raise UsageError(
+                f"{self.dialect.name} has no status word, malfunction code or fault bit; read a parameter instead"
+            )
+        return self._card_status()
+
+    def _drive_status(self) -> Conversation[Frame, Report]:
+        word = yield from self.master.status_word()
+        malfunction = yield from self.master.malfunction_code()
+        fields: dict[str, Any] = {
+            "fault": word.fault,
+            "status_word": word.word,
+            "state": word.state.value,
+            "bits": word.bits,
+            "malfunction_code": malfunction.code,
+            "malfunction_family": malfunction.family,
+        }
+        family = f" ({malfunction.family})" if malfunction.family else ""
+        return Report(
+            fields,
+            (
+                f"state              {word.state.value}",
+                f"fault bit          {'FAULT' if word.fault else 'no fault'}",
+                f"malfunction code   {malfunction.code:04X}h{family}",
+                f"status word        {word.word:04X}h",
+                *(f"                   bit {bit}" for bit in word.bits),
+            ),
+        )
+
+    def _card_status(self) -> Conversation[Frame, Report]:
+        """A card has no status word; every answer carries its fault bit, so its address is read."""
+        found = yield from self.master.read_typed(511)
+        return Report(
+            {"fault": found.fault, "status_word": None, "state": None, "malfunction_code": None},
+            (
+                f"fault bit          {'FAULT' if found.fault else 'no fault'}",
+                f"{self.dialect.name} has no status word and no malfunction code",
+            ),
+        )
+
+    def clear_faults(self) -> Conversation[Frame, Report]:
+        if Command.STATUS_WORD not in self.dialect.commands:
+            raise UsageError(f"{self.dialect.name} has no command that clears faults")
+        return self._clear_faults()
+
+    def _clear_faults(self) -> Conversation[Frame, Report]:
+        """A rising edge of the control word's fault reset bit; never a bit that enables."""
+        before = yield from self.master.status_word()
+        if before.state is not status.State.FAULT:
+            return Report(
+                {"cleared": False, "was": before.state.value, "state": before.state.value},
+                (f"not in fault: {before.state.value}; nothing was written",),
+            )
+        if not before.word & status.REMOTE:
+            raise UsageError(
+                "control is local (status word bit 9 is 0): clear the fault at the keypad; nothing was written"
+            )
+        for word in (status.DISABLE_VOLTAGE, status.FAULT_RESET, status.DISABLE_VOLTAGE):
+            yield from self._control(word)
+        after = yield from self._state_after_reset()
+        if after.state is not status.State.SWITCH_ON_DISABLED:
+            raise NotApplied(
+                f"the fault reset was sent; the drive is still in state {after.state.value}",
+                found=after.state.value,
+            )
+        return Report(
+            {"cleared": True, "was": before.state.value, "state": after.state.value},
+            (f"fault cleared: {after.state.value}",),
+        )
+
+    def _control(self, word: int) -> Conversation[Frame, None]:
+        try:
+            yield from self.master.write_standard(
+                status.CONTROL_WORD, 0, Format.UNSIGNED_SHORT_INT, word
+            )
+        except NoReply as failure:
+            raise OutcomeUnknown(
+                f"control word {word:04X}h went out and was not answered ({failure}); look at the drive",
+                step=f"control word {word:04X}h",
+            ) from failure
+
+    def _state_after_reset(self) -> Conversation[Frame, StatusWord]:
+        after = yield from self.master.status_word()
+        for _ in range(CLEAR_ATTEMPTS):
+            if after.state is status.State.SWITCH_ON_DISABLED:
+                break
+            yield Wait(CLEAR_EVERY)
+            after = yield from self.master.status_word()
+        return after
+
+    def reset_comm(self) -> Conversation[Frame, Report]:
+        if Command.RESET_SLAVE not in self.dialect.commands:
+            raise UsageError(f"{self.dialect.name} has no reset of its serial interface")
+        return self._reset_comm()
+
+    def _reset_comm(self) -> Conversation[Frame, Report]:
+        yield from self.master.reset()
+        return Report({"reset": True}, ("the slave's serial interface was reset; faults stay",))
+
+    def prepare_raw(self, text: str) -> Callable[[], Conversation[Frame, Report]]:
+        destination, body = _raw_body(text, self.dialect)
+        code = body[0] | body[1] << 8
+        data = body[2:]
+        frame = Frame(self.address, 0, destination << 1, code, data)
+
+        def converse() -> Conversation[Frame, Report]:
+            reply = yield from self.master.command(code, data, frame.destination)
+            return Report(
+                {
+                    "command": command_name(code),
+                    "response": reply.code,
+                    "text": response_meaning(reply.code),
+                    "data": reply.data.hex(),
+                    "fault": self._fault(reply.in_fault),
+                },
+                (
+                    f"{command_name(code)}: {reply.code:04X}h {response_meaning(reply.code)}",
+                    f"data {reply.data.hex(' ').upper() or 'none'}",
+                ),
+            )
+
+        return converse
+
+
+def _physical(point: ParameterPoint, type_code: Format, value: Value | str) -> Value:
+    """What was asked for, as a physical value."""
+    if not isinstance(value, str):
+        return value
+    description = point.description
+    if description is not None and description.scale != 1.0:
+        return parse_value(Format.FLOAT, value)
+    return parse_value(type_code, value)
+
+
+def _raw_body(text: str, dialect: Dialect) -> tuple[int, bytes]:
+    where, slash, hex_text = text.rpartition("/")
+    destination = 0
+    if slash:
+        destination = parse_point(f"{where}/0", Profile("", ""), dialect).destination
+    try:
+        body = bytes.fromhex(hex_text)
+    except ValueError:
+        raise UsageError(
+            f"{hex_text!r} is not hex bytes: COMMAND low, COMMAND high, DATA, as in '23 00'"
+        ) from None
+    if len(body) < 2:
+        raise UsageError("a command body has at least the two bytes of COMMAND, low byte first")
+    return destination, body
+
+
+def device(address: int, profile: Profile, options: Mapping[str, str]) -> Slink3Device:
+    """The device of a profile whose dialect, and broadcast address if set, are this protocol's."""
+    return Slink3Device(address, profile, dialect_of(profile, options))
+
+
+def dialect_of(profile: Profile, options: Mapping[str, str]) -> Dialect:
+    name = profile.dialect or "slink3"
+    if name not in DIALECTS:
+        raise UsageError(
+            f"profile {profile.name}: dialect {name!r} is none of {', '.join(DIALECTS)}"
+        )
+    chosen = DIALECTS[name]
+    if "broadcast" not in options:
+        return chosen
+    text = options["broadcast"]
+    if not text.isdecimal() or not 128 <= int(text) <= 255:
+        raise UsageError(f"broadcast={text!r} is out of range: 128..255")
+    return replace(chosen, broadcast=int(text))

@@ -1,0 +1,33 @@
+"""SLINK3 as `PROTOCOLS` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from multidrop.decoder import Decoder
+from multidrop.protocols import slink3
+from multidrop.protocols.slink3.broadcast import prepare_broadcast
+from multidrop.protocols.slink3.describe import describe
+from multidrop.protocols.slink3.device import device
+from multidrop.protocols.slink3.frame import Frame, decoder
+from multidrop.timing import LineSettings
+
+
+class Slink3:
+    name = "slink3"
+    line: LineSettings = slink3.LINE
+    options: Mapping[str, str] = {
+        "broadcast": "broadcast address, 128..255 (flexmax 255, ax-v 128)"
+    }
+
+    decoder = staticmethod(decoder)
+    device = staticmethod(device)
+    describe = staticmethod(describe)
+    prepare_broadcast = staticmethod(prepare_broadcast)
+
+    @staticmethod
+    def from_master(frame: Frame) -> bool:
+        return not frame.is_answer
+
+
+__all__ = ["Decoder", "Slink3"]
