@@ -205,7 +205,8 @@ class Exchange(Generic[FrameT, ResultT]):
     def _send_when_quiet(self, now: float) -> bytes:
         """Send the step's frame, or set the deadline to when the line has rested."""
         session, step = self._session, self._step
-        assert step is not None and not isinstance(step, Wait)
+        assert step is not None
+        assert not isinstance(step, Wait)
         ready = session.quiet_from
         if isinstance(step, Ask):
             self._numbers = session.numbers(step.frame)
