@@ -92,10 +92,10 @@ class Session(Generic[FrameT]):
         self.quiet_from = now + self.timing.gap
         return self.decoder.line_error(data) if damaged else self.decoder.receive_data(data)
 
-    def drain(self, data: bytes, now: float) -> None:
+    def drain(self, data: bytes, now: float, *, damaged: bool = False) -> None:
         """Count what came while nobody was asking; none of it will be believed."""
         if data:
-            self.count_strays(self.hear(data, now))
+            self.count_strays(self.hear(data, now, damaged=damaged))
         if self.decoder.pending and now - self.last_heard >= self.timing.silence:
             self.count_strays(self.decoder.silence())
 

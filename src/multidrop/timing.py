@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+from multidrop.decoder import Decoder
 from multidrop.errors import UsageError
 
 
@@ -49,6 +52,7 @@ class LineSettings:
     byte_gap: float  # longest time between two bytes of one frame on the wire
     answer: float  # longest time from the end of a request to the first byte of its answer
     longest_frame: int  # bytes
+    decoder: Callable[[], Decoder[Any]] = field(repr=False)  # the protocol's receive loop
     answer_slack_serial: float = 0.020
     answer_slack_network: float = 0.300
     silence_slack_serial: float = 0.030

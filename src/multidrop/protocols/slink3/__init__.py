@@ -21,6 +21,7 @@ LINE = LineSettings(
     byte_gap=0.006,  # A 12.3.1
     answer=1.5,  # A 12.3.2
     longest_frame=255,
+    decoder=decoder,
 )
 """Line settings and timing of A chapter 12; B has none, so they serve both."""
 

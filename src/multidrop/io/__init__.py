@@ -1,0 +1,1 @@
+"""The world: ports, lines, clocks, files. Everything below is pure."""

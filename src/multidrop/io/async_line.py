@@ -1,0 +1,190 @@
+"""An asyncio line: the same conversations, many lines in one loop."""
+
+from __future__ import annotations
+
+import asyncio
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from multidrop.conversation import Conversation
+from multidrop.errors import PortError
+from multidrop.exchange import Counters, Exchange
+from multidrop.io.line import Tap, Timed, new_session
+from multidrop.io.parity import ParityMarks
+from multidrop.io.ports import CONNECT_TIMEOUT, PortSetup, lost, port_error, prepare, tcp_address
+from multidrop.naming import LineOptions
+from multidrop.timing import LineSettings
+
+ResultT = TypeVar("ResultT")
+
+
+class AsyncLine(asyncio.Protocol):
+    """One wire with one master. Any number of tasks may `run`; each gets its turn."""
+
+    def __init__(
+        self,
+        settings: LineSettings,
+        options: LineOptions | None = None,
+        *,
+        network: bool = True,
+        name: str = "the port",
+    ) -> None:
+        self.settings = settings
+        self.name = name
+        self.taps: list[Tap] = []
+        self.marks: ParityMarks | None = None
+        self._session = new_session(settings, options or LineOptions(), network=network)
+        self._loop = asyncio.get_running_loop()
+        self._turn = asyncio.Lock()
+        self._transport: asyncio.WriteTransport | None = None
+        self._lost: PortError | None = None
+        self._exchange: Exchange[Any, Any] | None = None
+        self._finished: asyncio.Future[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def counters(self) -> Counters:
+        return self._session.counters
+
+    async def run(self, conversation: Conversation[Any, ResultT]) -> ResultT:
+        """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`."""
+        return (await self.timed(conversation)).result
+
+    async def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
+        """The same with the time of the last answer."""
+        async with self._turn:
+            if self._lost is not None:
+                raise self._lost
+            exchange = Exchange(conversation, self._session)
+            self._exchange = exchange
+            self._finished = self._loop.create_future()
+            try:
+                self._send(exchange.start(self._loop.time()))
+                if not exchange.done:
+                    await self._finished
+            except BaseException:
+                exchange.abandon(self._loop.time())
+                raise
+            finally:
+                self._exchange = None
+        result = exchange.result()
+        received_at = (
+            exchange.received_at if exchange.received_at is not None else self._loop.time()
+        )
+        return Timed(result, received_at, received_at - exchange.asked_at)
+
+    # -- what the loop calls -----------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = transport  # type: ignore[assignment]
+
+    def data_received(self, data: bytes) -> None:
+        now = self._loop.time()
+        for tap in self.taps:
+            tap(data, False, now)
+        pieces = [(data, False)] if self.marks is None else self.marks.split(data)
+        for piece, damaged in pieces:
+            exchange = self._exchange
+            if exchange is None or exchange.done:
+                self._session.drain(piece, now, damaged=damaged)
+            else:
+                self._send(exchange.advance(piece, now, damaged=damaged))
+
+    def connection_lost(self, error: Exception | None) -> None:
+        why = str(error) if error is not None else "the other side closed the connection"
+        self._lost = lost(self.name, why)
+        if self._finished is not None and not self._finished.done():
+            self._finished.set_exception(self._lost)
+
+    # -- sending and waiting -----------------------------------------------------------------
+
+    def _send(self, to_send: bytes) -> None:
+        exchange = self._exchange
+        assert exchange is not None
+        assert self._transport is not None
+        if to_send:
+            self._transport.write(to_send)
+            for tap in self.taps:
+                tap(to_send, True, exchange.asked_at)
+        if not exchange.done:
+            self._arm(exchange.deadline)
+        elif self._finished is not None and not self._finished.done():
+            self._finished.set_result(None)
+
+    def _arm(self, deadline: float) -> None:
+        """One timer for all deadlines: a later deadline is found when the earlier timer fires."""
+        if self._timer is not None:
+            if self._timer.when() <= deadline:
+                return
+            self._timer.cancel()
+        self._timer = self._loop.call_at(deadline, self._time_passed)
+
+    def _time_passed(self) -> None:
+        self._timer = None
+        exchange = self._exchange
+        if exchange is None or exchange.done:
+            return
+        now = self._loop.time()
+        if now >= exchange.deadline:
+            self._send(exchange.advance(b"", now))
+        else:
+            self._arm(exchange.deadline)
+
+    async def close(self) -> None:
+        """Close the port; whoever waits gets `PortError`."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._transport is not None:
+            self._transport.close()
+            await asyncio.sleep(0)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+
+async def open_async_line(
+    port: str, settings: LineSettings, options: LineOptions | None = None
+) -> AsyncLine:
+    """Open a port on the running loop. Raises `PortError` that says which and why."""
+    options = options or LineOptions()
+    network = "://" in port
+    line = AsyncLine(settings, options, network=network, name=port)
+    loop = asyncio.get_running_loop()
+    if port.startswith("tcp://"):
+        host, number = tcp_address(port)
+        try:
+            async with asyncio.timeout(CONNECT_TIMEOUT):
+                await loop.create_connection(lambda: line, host, number)
+        except OSError as error:  # TimeoutError is one
+            raise port_error(port, error) from error
+        return line
+    await _open_serial(line, port, PortSetup(settings, options))
+    return line
+
+
+async def _open_serial(line: AsyncLine, port: str, setup: PortSetup) -> None:
+    import serialx
+
+    if port.startswith("rfc2217://"):
+        tcp_address(port)
+    try:
+        transport, _ = await serialx.create_serial_connection(
+            asyncio.get_running_loop(), lambda: line, port, **setup.serial_arguments()
+        )
+    except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
+        raise port_error(port, error) from error
+    except Exception as error:  # termios.error is no OSError
+        raise port_error(port, OSError(*error.args)) from error
+    try:
+        line.marks = prepare(transport.serial, port, setup)
+    except BaseException:
+        transport.close()
+        raise

@@ -1,0 +1,245 @@
+"""One device on one line: readings by name, confirmed writes. Blocking and asyncio."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime, timedelta
+from types import TracebackType
+from typing import Any, Self
+
+from multidrop.catalog import load_profile
+from multidrop.device import Device, ProtocolModule, Report, Write
+from multidrop.errors import OutcomeUnknown
+from multidrop.io.async_line import AsyncLine, open_async_line
+from multidrop.io.audit import AuditLog
+from multidrop.io.line import Line, Timed
+from multidrop.io.ports import PortSetup, open_port
+from multidrop.naming import DeviceName, LineOptions, parse_device
+from multidrop.points import Point, Reading, Sample, Value
+from multidrop.profile import Profile
+from multidrop.protocols import PROTOCOLS
+from multidrop.timing import Format, LineSettings
+from multidrop.writing import Outcome, Written
+
+
+class Target:
+    """A device's name worked out: protocol, profile, line settings, options. Nothing is open yet."""
+
+    def __init__(self, name: DeviceName, profile: Profile | None = None) -> None:
+        self.name = name
+        self.profile = profile or load_profile(name.profile)
+        self.protocol: ProtocolModule = PROTOCOLS[self.profile.protocol]
+        self.options = LineOptions.parse(name.options, self.protocol.options)
+        self.settings = line_settings(self.protocol, self.profile, self.options)
+
+    @classmethod
+    def of(cls, device: str | DeviceName | Target) -> Target:
+        """Raises `UsageError` where the name cannot be understood."""
+        if isinstance(device, Target):
+            return device
+        return cls(parse_device(device) if isinstance(device, str) else device)
+
+    def device(self) -> Device:
+        assert self.name.address is not None
+        return self.protocol.device(self.name.address, self.profile, self.options.own)
+
+    @property
+    def port(self) -> str:
+        return self.name.port
+
+    def setup(self) -> PortSetup:
+        return PortSetup(self.settings, self.options)
+
+
+def line_settings(protocol: ProtocolModule, profile: Profile, options: LineOptions) -> LineSettings:
+    """The protocol's settings, the profile's over them, and what the user set over both."""
+    character = Format.parse(profile.format) if profile.format else None
+    settings = protocol.line.with_options(baud=profile.baud, format=character)
+    return settings.with_options(**options.line_settings())
+
+
+class _Connection:
+    """What blocking and asyncio connections share: everything that does not touch the line."""
+
+    def __init__(self, target: Target, device: Device, audit: AuditLog | None) -> None:
+        self.target = target
+        self.device = device
+        self.audit = audit or AuditLog(origin="python")
+        self.name = str(target.name)
+
+    def _reading(self, point: Point, timed: Timed[Sample], now: float) -> Reading:
+        sample = timed.result
+        description = point.description
+        ago = timedelta(seconds=now - timed.received_at)
+        return Reading(
+            point=point.text,
+            name=point.name,
+            value=description.physical(sample.value) if description else sample.value,
+            unit=point.unit,
+            type=sample.type,
+            raw=sample.raw,
+            fault=sample.fault,
+            time=datetime.fromtimestamp(time.time(), UTC) - ago,
+            ms=round(timed.seconds * 1000, 3),
+        )
+
+    def prepare(self, point: str, value: Value | str, *, force: bool = False) -> Write:
+        """Parse, resolve and range-check a write, and the audit log; nothing is sent."""
+        write = self.device.prepare_write(point, value, force=force)
+        self.audit.check()
+        return write
+
+    def _interrupted(self, write: Write) -> None:
+        """Whoever waited for a write has gone: what became of it is unknown."""
+        gone = OutcomeUnknown(
+            f"{write.point}: interrupted while it was written", step="interrupted"
+        )
+        self.audit.written(
+            self.name, Written(write.point, write.value, Outcome.UNKNOWN, error=gone)
+        )
+
+
+def _checked(record: Written) -> Written:
+    if record.error is not None:
+        raise record.error
+    return record
+
+
+class Connection(_Connection):
+    """A device on a blocking line. Use it in a `with`."""
+
+    def __init__(
+        self, target: Target, device: Device, line: Line, audit: AuditLog | None = None
+    ) -> None:
+        super().__init__(target, device, audit)
+        self.line = line
+
+    def read(self, point: str | Point) -> Reading:
+        """Read one point. Raises `UsageError`, `DeviceError`, `NoReply`, `ProtocolError`, `PortError`."""
+        where = self.device.point(point) if isinstance(point, str) else point
+        timed = self.line.timed(self.device.read(where))
+        return self._reading(where, timed, self.line.port.now())
+
+    def write(
+        self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
+    ) -> Written:
+        """Write one point and read it back; raises unless that is confirmed."""
+        return _checked(self.carry_out(self.prepare(point, value, force=force), verify=verify))
+
+    def carry_out(self, write: Write, *, verify: bool = True) -> Written:
+        """Carry out a prepared write; what is known of it is in the record. Raises where nothing was sent."""
+        sent_before = self.line.counters.requests
+        try:
+            record = self.line.run(self.device.write(write, verify=verify))
+        except KeyboardInterrupt:
+            if self.line.counters.requests > sent_before:
+                self._interrupted(write)
+            raise
+        self.audit.written(self.name, record)
+        return record
+
+    def status(self) -> Report:
+        """What the protocol offers of the device's state."""
+        return self.line.run(self.device.status())
+
+    def clear_faults(self) -> Report:
+        self.audit.check()
+        return self._audited("clear-faults", self.device.clear_faults())
+
+    def reset_comm(self) -> Report:
+        self.audit.check()
+        return self._audited("reset-comm", self.device.reset_comm())
+
+    def raw(self, text: str) -> Report:
+        """One command body, in hex, as is."""
+        conversation = self.device.prepare_raw(text)
+        self.audit.check()
+        return self._audited(f"raw {text}", conversation())
+
+    def _audited(self, what: str, conversation: Any) -> Report:
+        outcome = "unknown"
+        try:
+            report: Report = self.line.run(conversation)
+            outcome = "confirmed"
+        except Exception as error:
+            outcome = f"failed: {error}"
+            raise
+        finally:
+            self.audit.append(self.name, what, outcome=outcome)
+        return report
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.line.close()
+
+
+class AsyncConnection(_Connection):
+    """A device on an asyncio line. Use it in an `async with`."""
+
+    line: AsyncLine
+
+    async def read(self, point: str | Point) -> Reading:
+        """Read one point; raises as the blocking one does."""
+        where = self.device.point(point) if isinstance(point, str) else point
+        timed = await self.line.timed(self.device.read(where))
+        return self._reading(where, timed, time.monotonic())
+
+    async def write(
+        self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
+    ) -> Written:
+        """Write one point and read it back; raises unless that is confirmed."""
+        write = self.prepare(point, value, force=force)
+        sent_before = self.line.counters.requests
+        try:
+            record = await self.line.run(self.device.write(write, verify=verify))
+        except BaseException as error:
+            if not isinstance(error, Exception) and self.line.counters.requests > sent_before:
+                self._interrupted(write)
+            raise
+        self.audit.written(self.name, record)
+        return _checked(record)
+
+    async def status(self) -> Report:
+        """What the protocol offers of the device's state."""
+        return await self.line.run(self.device.status())
+
+    async def __aenter__(self) -> Self:
+        self.line = await open_async_line(
+            self.target.port, self.target.settings, self.target.options
+        )
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self.line.close()
+
+
+def connect(device: str | DeviceName | Target, *, audit: AuditLog | None = None) -> Connection:
+    """Open the line of a device, `PROFILE:ADDRESS@PORT[,key=value]...`, for blocking use.
+
+    Raises `UsageError` before anything is opened, `PortError` where the port
+    cannot be.
+    """
+    target = Target.of(device)
+    worked_out = target.device()
+    line = Line(open_port(target.port, target.setup()), target.settings, target.options)
+    return Connection(target, worked_out, line, audit)
+
+
+def connect_async(
+    device: str | DeviceName | Target, *, audit: AuditLog | None = None
+) -> AsyncConnection:
+    """The same for asyncio; the line is opened by `async with`."""
+    target = Target.of(device)
+    return AsyncConnection(target, target.device(), audit)

@@ -1,0 +1,124 @@
+"""A blocking line: runs conversations on a port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+from multidrop.conversation import Conversation
+from multidrop.exchange import Counters, Exchange, Session
+from multidrop.io.ports import Port, PortSetup, open_port
+from multidrop.naming import LineOptions
+from multidrop.timing import LineSettings
+
+ResultT = TypeVar("ResultT")
+
+Tap = Callable[[bytes, bool, float], None]
+"""Called with every piece of bytes, whether this side sent it, and its monotonic time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timed(Generic[ResultT]):
+    """What a conversation returned, and its last answer's receipt (monotonic, s) and duration (s)."""
+
+    result: ResultT
+    received_at: float
+    seconds: float
+
+
+def new_session(settings: LineSettings, options: LineOptions, *, network: bool) -> Session[Any]:
+    """The memory of a line that was just opened."""
+    timing = settings.timing(network=network)
+    return Session(settings.decoder(), timing, echo=options.hears_itself)
+
+
+class Line:
+    """One wire with one master: this one. Not for several threads at once."""
+
+    def __init__(
+        self, port: Port, settings: LineSettings, options: LineOptions | None = None
+    ) -> None:
+        self.port = port
+        self.settings = settings
+        self.taps: list[Tap] = []
+        self._session = new_session(settings, options or LineOptions(), network=port.network)
+
+    @property
+    def counters(self) -> Counters:
+        return self._session.counters
+
+    def run(self, conversation: Conversation[Any, ResultT]) -> ResultT:
+        """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`."""
+        return self.timed(conversation).result
+
+    def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
+        """The same with the time of the last answer."""
+        port, taps = self.port, self.taps
+        exchange = Exchange(conversation, self._session)
+        self._drain()
+        try:
+            to_send = exchange.start(port.now())
+            while True:
+                if to_send:
+                    port.write(to_send)
+                    for tap in taps:
+                        tap(to_send, True, exchange.asked_at)
+                if exchange.done:
+                    break
+                data = port.read(exchange.deadline - port.now())
+                now = port.now()
+                for tap in taps if data else ():
+                    tap(data, False, now)
+                to_send = self._advance(exchange, data, now)
+        except BaseException:
+            exchange.abandon(port.now())
+            raise
+        result = exchange.result()
+        received_at = exchange.received_at if exchange.received_at is not None else port.now()
+        return Timed(result, received_at, received_at - exchange.asked_at)
+
+    def _advance(self, exchange: Exchange[Any, Any], data: bytes, now: float) -> bytes:
+        marks = self.port.marks
+        if marks is None or not data:
+            return exchange.advance(data, now)
+        return b"".join(
+            exchange.advance(piece, now, damaged=damaged) for piece, damaged in marks.split(data)
+        )
+
+    def _drain(self) -> None:
+        """What came while nobody asked is counted and never believed."""
+        port = self.port
+        data = port.read(0.0)
+        if data:
+            now = port.now()
+            for tap in self.taps:
+                tap(data, False, now)
+            for piece, damaged in port.marks.split(data) if port.marks else [(data, False)]:
+                self._session.drain(piece, now, damaged=damaged)
+
+    def close(self) -> None:
+        self.port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def open_line(port: str, settings: LineSettings, **options: Any) -> Line:
+    """Open a port for a protocol's `LINE`; options are the keys of a device's name.
+
+    Raises `UsageError` for an option out of range, `PortError` where the port
+    cannot be opened.
+    """
+    chosen = LineOptions.parse({key: str(value) for key, value in options.items()}, {})
+    settings = settings.with_options(**chosen.line_settings())
+    return Line(open_port(port, PortSetup(settings, chosen)), settings, chosen)

@@ -1,0 +1,225 @@
+"""Ports for a blocking line: serial ports and RFC 2217 by serialx, raw TCP by the socket module.
+
+A port says what time it is, since a simulated wire has a time of its own.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+from urllib.parse import urlsplit
+
+from multidrop.errors import PortError, UsageError
+from multidrop.io.parity import ParityMarks
+from multidrop.naming import LineOptions
+from multidrop.timing import LineSettings
+
+if TYPE_CHECKING:
+    from serialx import BaseSerial
+
+CONNECT_TIMEOUT = 5.0
+
+
+class Port(Protocol):
+    """A wire's end. `network` chooses the slack of the times; `marks` is set where bytes carry marks."""
+
+    network: bool
+    marks: ParityMarks | None
+
+    def now(self) -> float:
+        """Monotonic time, s."""
+        ...
+
+    def read(self, timeout: float) -> bytes:
+        """What has arrived, waiting at most `timeout` s for it; b"" for nothing. Raises `PortError`."""
+        ...
+
+    def write(self, data: bytes) -> None: ...
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class PortSetup:
+    """How to open a port: the line's settings and what the user set of the port itself."""
+
+    settings: LineSettings
+    options: LineOptions
+
+    def serial_arguments(self) -> dict[str, Any]:
+        """The keyword arguments of serialx for these settings."""
+        from serialx import PinState
+
+        pins = {"on": PinState.HIGH, "off": PinState.LOW, "leave": PinState.UNDEFINED}
+        character = self.settings.format
+        leave = "leave" in (self.options.rts, self.options.dtr)
+        on_close = PinState.UNDEFINED if leave else PinState.LOW
+        return {
+            "baudrate": self.settings.baud,
+            "byte_size": character.data_bits,
+            "parity": character.parity,
+            "stopbits": character.stop_bits,
+            "rts_on_open": pins[self.options.rts],
+            "dtr_on_open": pins[self.options.dtr],
+            "rts_on_close": on_close,
+            "dtr_on_close": on_close,
+        }
+
+
+def open_port(url: str, setup: PortSetup) -> Port:
+    """Open a port by its device name or URL. Raises `PortError` that says which and why."""
+    if url.startswith("tcp://"):
+        return TcpPort(url)
+    return SerialPort(url, setup)
+
+
+def tcp_address(url: str) -> tuple[str, int]:
+    """Host and port number of a `tcp://` or `rfc2217://` URL. Raises `UsageError`."""
+    try:
+        parts = urlsplit(url)
+        host, number = parts.hostname, parts.port
+    except ValueError as error:
+        raise UsageError(f"{url!r}: {error}") from None
+    if not host or number is None or parts.path not in ("", "/"):
+        raise UsageError(f"{url!r} is not of the form {parts.scheme}://HOST:PORT")
+    return host, number
+
+
+def port_error(url: str, error: BaseException) -> PortError:
+    """The reason why a port cannot be opened, for a person."""
+    number = getattr(error, "errno", None)
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    if isinstance(error, socket.gaierror):
+        reason = "no such host"
+    elif isinstance(error, TimeoutError):
+        reason = f"no connection within {CONNECT_TIMEOUT:g} s"
+    elif isinstance(error, ConnectionRefusedError):
+        reason = "connection refused: nothing listens there"
+    elif number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        reason = "no such port ('multidrop ports' lists the ports of this machine)"
+    elif number in (errno.EBUSY, errno.EWOULDBLOCK):
+        reason = "busy: another program has it open"
+    elif number in (errno.EACCES, errno.EPERM):
+        reason = "no permission (on Linux: add yourself to the group that owns it, often dialout)"
+    elif number in (errno.ENOTTY, errno.EISDIR):
+        reason = "not a serial port"
+    else:
+        reason = text
+    return PortError(f"cannot open {url}: {reason}")
+
+
+def lost(url: str, why: str) -> PortError:
+    return PortError(f"{url} was lost: {why}")
+
+
+class TcpPort:
+    """A raw socket to a serial device server."""
+
+    network = True
+    marks: ParityMarks | None = None
+    now = staticmethod(time.monotonic)
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        try:
+            self._socket = socket.create_connection(tcp_address(url), CONNECT_TIMEOUT)
+        except OSError as error:
+            raise port_error(url, error) from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._socket.setblocking(False)
+
+    def read(self, timeout: float) -> bytes:
+        # select, not the socket's own timeout: that is rounded up to a millisecond
+        try:
+            ready, _, _ = select.select([self._socket], [], [], max(timeout, 0.0))
+            if not ready:
+                return b""
+            data = self._socket.recv(4096)
+        except (OSError, ValueError) as error:
+            raise lost(self._url, str(error)) from error
+        if not data:
+            raise lost(self._url, "the other side closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._socket.settimeout(CONNECT_TIMEOUT)
+            self._socket.sendall(data)
+            self._socket.setblocking(False)
+        except OSError as error:
+            raise lost(self._url, str(error)) from error
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class SerialPort:
+    """A serial port of this machine, or of an RFC 2217 server."""
+
+    now = staticmethod(time.monotonic)
+
+    def __init__(self, url: str, setup: PortSetup) -> None:
+        import serialx
+
+        self._url = url
+        self.network = "://" in url
+        if url.startswith("rfc2217://"):
+            tcp_address(url)
+        try:
+            self._serial = serialx.serial_for_url(url, **setup.serial_arguments())
+            self._serial.open()
+        except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
+            raise port_error(url, error) from error
+        except Exception as error:  # termios.error is no OSError
+            raise port_error(url, OSError(*error.args)) from error
+        self._buffer = bytearray(4096)
+        try:
+            self.marks = prepare(self._serial, url, setup)
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self, timeout: float) -> bytes:
+        try:
+            count = self._serial.readinto(self._buffer, timeout=max(timeout, 0.0))
+        except Exception as error:  # serialx raises what the platform raised
+            raise lost(self._url, str(error)) from error
+        return bytes(self._buffer[:count])
+
+    def write(self, data: bytes) -> None:
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[self._serial.write(view, timeout=CONNECT_TIMEOUT) :]
+        except Exception as error:
+            raise lost(self._url, str(error)) from error
+
+    def close(self) -> None:
+        self._serial.close()
+
+
+def prepare(serial: BaseSerial, url: str, setup: PortSetup) -> ParityMarks | None:
+    """Ask an open port to mark wrong bytes, and the kernel to switch direction where that was set."""
+    try:
+        fd = serial.fileno()
+    except (OSError, AssertionError, AttributeError):
+        fd = -1
+    if setup.options.direction == "kernel":
+        from multidrop.io import rs485
+
+        if fd < 0:
+            raise PortError(f"{url}: direction=kernel needs a serial port of this machine")
+        rs485.enable(fd, url)
+    if fd < 0 or "://" in url or setup.settings.format.parity == "N":
+        return None
+    try:
+        import termios
+    except ImportError:  # Windows reports errors apart from the bytes
+        return None
+    attributes = termios.tcgetattr(fd)
+    attributes[0] |= termios.INPCK | termios.PARMRK
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
+    return ParityMarks()
