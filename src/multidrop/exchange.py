@@ -136,6 +136,7 @@ class Exchange(Generic[FrameT, ResultT]):
         self._damaged: list[bytes] = []
         self._heard: list[bytes] = []
         self.done = False
+        self.acted = False  # something that is not a read went out
         self.asked_at = 0.0  # when the last request started
         self.received_at: float | None = None  # when the last answer was complete
         self.deadline = 0.0
@@ -230,6 +231,7 @@ class Exchange(Generic[FrameT, ResultT]):
         self._echo_due = session.echo is not False
         raw = self._sent.encode()
         session.counters.requests += 1
+        self.acted = self.acted or not step.repeatable
         self.asked_at = now
         self._limits_from(now + len(raw) * timing.character)
         return raw
@@ -249,6 +251,7 @@ class Exchange(Generic[FrameT, ResultT]):
         raw = step.frame.encode()
         session.counters.requests += 1
         session.last_sent = step.frame
+        self.acted = True
         self.asked_at = now
         session.quiet_from = now + len(raw) * session.timing.character + session.timing.gap
         return raw + self._resume(None, None, now)

@@ -32,6 +32,7 @@ class AsyncLine(asyncio.Protocol):
         self.settings = settings
         self.name = name
         self.taps: list[Tap] = []
+        self.acted = False  # whether an exchange that broke off had sent more than reads
         self.marks: ParityMarks | None = None
         self._session = new_session(settings, options or LineOptions(), network=network)
         self._loop = asyncio.get_running_loop()
@@ -63,6 +64,7 @@ class AsyncLine(asyncio.Protocol):
                 if not exchange.done:
                     await self._finished
             except BaseException:
+                self.acted = exchange.acted
                 exchange.abandon(self._loop.time())
                 raise
             finally:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
@@ -9,7 +10,7 @@ from typing import Any, Self
 
 from multidrop.catalog import load_profile
 from multidrop.device import Device, ProtocolModule, Report, Write
-from multidrop.errors import OutcomeUnknown
+from multidrop.errors import OutcomeUnknown, PortError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.audit import AuditLog
 from multidrop.io.line import Line, Timed
@@ -89,14 +90,15 @@ class _Connection:
         self.audit.check()
         return write
 
-    def _interrupted(self, write: Write) -> None:
-        """Whoever waited for a write has gone: what became of it is unknown."""
-        gone = OutcomeUnknown(
-            f"{write.point}: interrupted while it was written", step="interrupted"
+    def _broken_off(self, write: Write, why: BaseException) -> Written:
+        """The record of a write that went out before its line or its caller was lost."""
+        reason = str(why) or "interrupted"
+        lost = OutcomeUnknown(
+            f"{write.point}: the write of {write.value!r} went out, then: {reason}", step=reason
         )
-        self.audit.written(
-            self.name, Written(write.point, write.value, Outcome.UNKNOWN, error=gone)
-        )
+        record = Written(write.point, write.value, Outcome.UNKNOWN, error=lost)
+        self.audit.written(self.name, record)
+        return record
 
 
 def _checked(record: Written) -> Written:
@@ -128,12 +130,12 @@ class Connection(_Connection):
 
     def carry_out(self, write: Write, *, verify: bool = True) -> Written:
         """Carry out a prepared write; what is known of it is in the record. Raises where nothing was sent."""
-        sent_before = self.line.counters.requests
+        self.line.acted = False
         try:
             record = self.line.run(self.device.write(write, verify=verify))
-        except KeyboardInterrupt:
-            if self.line.counters.requests > sent_before:
-                self._interrupted(write)
+        except (KeyboardInterrupt, PortError) as why:
+            if self.line.acted:
+                return self._broken_off(write, why)
             raise
         self.audit.written(self.name, record)
         return record
@@ -196,13 +198,16 @@ class AsyncConnection(_Connection):
     ) -> Written:
         """Write one point and read it back; raises unless that is confirmed."""
         write = self.prepare(point, value, force=force)
-        sent_before = self.line.counters.requests
+        self.line.acted = False
         try:
             record = await self.line.run(self.device.write(write, verify=verify))
-        except BaseException as error:
-            if not isinstance(error, Exception) and self.line.counters.requests > sent_before:
-                self._interrupted(write)
-            raise
+        except (asyncio.CancelledError, PortError) as why:
+            if not self.line.acted:
+                raise
+            record = self._broken_off(write, why)
+            if isinstance(why, asyncio.CancelledError):
+                raise
+            return _checked(record)
         self.audit.written(self.name, record)
         return _checked(record)
 

@@ -43,6 +43,7 @@ class Line:
         self.port = port
         self.settings = settings
         self.taps: list[Tap] = []
+        self.acted = False  # whether an exchange that broke off had sent more than reads
         self._session = new_session(settings, options or LineOptions(), network=port.network)
 
     @property
@@ -73,6 +74,7 @@ class Line:
                     tap(data, False, now)
                 to_send = self._advance(exchange, data, now)
         except BaseException:
+            self.acted = exchange.acted
             exchange.abandon(port.now())
             raise
         result = exchange.result()

@@ -1,0 +1,1 @@
+"""Simulated devices on simulated lines: the other side of every conversation, without hardware."""
