@@ -1,0 +1,137 @@
+"""`multidrop ports`, `profiles`, `points`: what is there and what is known."""
+
+from __future__ import annotations
+
+import json as json_module
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from multidrop.catalog import load_profile, profile_names
+from multidrop.profile import PointDescription
+
+_as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
+
+
+@click.command(epilog="Example: multidrop ports")
+@_as_json
+def ports(json: bool) -> None:
+    """List the serial ports of this machine: stable name, adapter, busy or not, latency."""
+    from multidrop.io.list_ports import list_ports
+
+    found = list_ports()
+    if json:
+        for facts in found:
+            click.echo(json_module.dumps({"v": 1, **facts.fields()}))
+        return
+    if not found:
+        click.echo("no serial ports on this machine; a device server is tcp://HOST:PORT", err=True)
+    rows = [
+        (
+            facts.port,
+            facts.adapter,
+            facts.problem or (f"busy: {facts.busy}" if facts.busy else "free"),
+            "" if facts.latency_ms is None else f"{facts.latency_ms} ms",
+        )
+        for facts in found
+    ]
+    _table(("port", "adapter", "state", "latency"), rows)
+    if any((facts.latency_ms or 0) > 1 for facts in found):
+        click.echo("a latency of 1 ms makes reads faster: docs, howto/wiring", err=True)
+
+
+@click.command(epilog="Example: multidrop profiles")
+@_as_json
+def profiles(json: bool) -> None:
+    """List the device models that multidrop knows."""
+    found = [load_profile(name) for name in profile_names()]
+    if json:
+        for profile in found:
+            facts = {"name": profile.name, "title": profile.title, "protocol": profile.protocol}
+            click.echo(json_module.dumps({"v": 1, **facts, "points": len(profile.points)}))
+        return
+    rows = [(item.name, item.title, item.protocol, str(len(item.points))) for item in found]
+    _table(("profile", "model", "protocol", "points"), rows)
+
+
+@click.command(epilog="Example: multidrop points flexmax speed")
+@click.argument("profile")
+@click.argument("word", required=False)
+@_as_json
+def points(profile: str, word: str | None, json: bool) -> None:
+    """List the points of PROFILE, or those that WORD occurs in."""
+    found = load_profile(profile)
+    chosen = [item for item in found.points.values() if word is None or _mentions(item, word)]
+    if json:
+        for item in chosen:
+            click.echo(json_module.dumps({"v": 1, "profile": found.name, **_facts(item)}))
+        return
+    rows = [
+        (
+            item.name,
+            item.at,
+            item.role.value,
+            item.access,
+            _limits(item),
+            item.unit or "",
+            item.meaning,
+        )
+        for item in chosen
+    ]
+    if not rows:
+        why = (
+            f"no point of {found.name} mentions {word!r}" if word else f"{found.name} has no points"
+        )
+        click.echo(f"{why}; any point can be named by its number", err=True)
+        return
+    _table(("name", "point", "role", "", "limits", "unit", "meaning"), rows)
+
+
+def _mentions(item: PointDescription, word: str) -> bool:
+    return any(word.lower() in text.lower() for text in (item.name, item.at, item.meaning))
+
+
+def _facts(item: PointDescription) -> dict[str, Any]:
+    return {
+        "name": item.name,
+        "point": item.at,
+        "role": item.role.value,
+        "access": item.access,
+        "unit": item.unit,
+        "scale": item.scale,
+        "minimum": item.minimum,
+        "maximum": item.maximum,
+        "default": item.default,
+        "meaning": item.meaning,
+        "source": item.source,
+    }
+
+
+def _limits(item: PointDescription) -> str:
+    if item.minimum is None and item.maximum is None:
+        return ""
+    low = "" if item.minimum is None else f"{item.minimum:g}"
+    high = "" if item.maximum is None else f"{item.maximum:g}"
+    return f"{low}..{high}"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table for a terminal of any width, plain when it goes into a file."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in heads:
+        table.add_column(head, overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    if rows:
+        console = Console(soft_wrap=False)
+        console.print(table if console.is_terminal else _wide(table), markup=False)
+
+
+def _wide(table: Any) -> Any:
+    table.width = 200
+    return table

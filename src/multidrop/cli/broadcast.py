@@ -1,0 +1,99 @@
+"""`multidrop broadcast`."""
+
+from __future__ import annotations
+
+import json as json_module
+from typing import Any
+
+import click
+
+from multidrop.cli.failures import exit_status, report_failure
+from multidrop.cli.options import Common, common
+from multidrop.cli.trace import Trace
+from multidrop.cli.writing import as_line, parse_assignment
+from multidrop.device import Received
+from multidrop.errors import UsageError
+from multidrop.io.connection import Target
+from multidrop.io.line import Line
+from multidrop.io.ports import open_port
+
+
+@click.command(
+    epilog="Example: multidrop broadcast flexmax@/dev/ttyUSB0 8236:int16=0 --verify 0,1,2"
+)
+@click.argument("line")
+@click.argument("assignments", nargs=-1, required=True, metavar="POINT=VALUE...")
+@click.option(
+    "--verify", required=True, metavar="ADDRESSES", help="slaves to ask afterwards: 0,1,2"
+)
+@click.option("--keep-going", is_flag=True, help="broadcast though a slave is silent")
+@common(force="broadcast points of role command and communication too", writes=True)
+def broadcast(
+    common: Common, line: str, assignments: tuple[str, ...], verify: str, keep_going: bool
+) -> int:
+    """Write each POINT=VALUE of every slave on LINE (PROFILE@PORT), then ask each of them."""
+    target = common.target(line, broadcast=True)
+    addresses = _addresses(verify)
+    converse = target.protocol.prepare_broadcast(
+        target.profile,
+        [parse_assignment(text) for text in assignments],
+        addresses,
+        target.options.own,
+        force=common.force,
+        keep_going=keep_going,
+    )
+    audit = common.audit()
+    audit.check()
+    common.confirm(
+        f"Write {', '.join(assignments)} of every slave on {target.port}?", needs_yes=False
+    )
+    found: list[Received] = []
+    try:
+        with _open(target, common) as wire:
+            found = wire.run(converse())
+    finally:
+        outcome = "confirmed" if found and all(slave.applied for slave in found) else "unknown"
+        audit.append(str(target.name), " ".join(assignments), outcome=outcome, slaves=addresses)
+    for slave in found:
+        _show(target, slave, common.json)
+    return max((_status(slave) for slave in found), default=0)
+
+
+def _addresses(text: str) -> list[int]:
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        raise UsageError(f"--verify {text!r} is not a list of addresses, as in 0,1,2") from None
+
+
+def _open(target: Target, common: Common) -> Line:
+    import sys
+
+    line = Line(open_port(target.port, target.setup()), target.settings, target.options)
+    if common.trace:
+        line.taps.append(Trace(target.protocol, sys.stderr))
+    return line
+
+
+def _status(slave: Received) -> int:
+    errors = [exit_status(record.error) for record in slave.written if record.error is not None]
+    return max(errors, default=0)
+
+
+def _show(target: Target, slave: Received, as_json: bool) -> None:
+    name = f"{target.name.profile}:{slave.address}@{target.port}"
+    if as_json:
+        for record in slave.written:
+            line: dict[str, Any] = json_module.loads(as_line(name, record))
+            click.echo(
+                json_module.dumps({**line, "received": slave.received, "applied": slave.applied})
+            )
+        return
+    words = {True: "yes", False: "NO", None: "unknown"}
+    note = f"   ({slave.note})" if slave.note else ""
+    click.echo(
+        f"{slave.address:>3}   received {words[slave.received]:<8} applied {words[slave.applied]}{note}"
+    )
+    for record in slave.written:
+        if record.error is not None:
+            report_failure(record.error)

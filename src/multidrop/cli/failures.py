@@ -1,0 +1,67 @@
+"""Errors as exit status, as JSON, and as words for a person."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from multidrop.errors import (
+    DeviceError,
+    Error,
+    NoReply,
+    NotApplied,
+    OutcomeUnknown,
+    PortError,
+    ProtocolError,
+    UsageError,
+)
+
+INTERRUPTED = 130
+
+_KINDS = {  # error -> (exit status, kind in JSON)
+    UsageError: (2, "usage"),
+    DeviceError: (3, "refused"),
+    NoReply: (4, "no-reply"),
+    PortError: (5, "port"),
+    ProtocolError: (6, "protocol"),
+    OutcomeUnknown: (7, "unknown-outcome"),
+    NotApplied: (8, "not-applied"),
+}
+
+
+def exit_status(error: Error) -> int:
+    """0 done; 1 is kept for bugs."""
+    return _KINDS[type(error)][0]
+
+
+def failure(error: Error) -> dict[str, Any]:
+    """The `error` object of a JSON line."""
+    facts: dict[str, Any] = {"kind": _KINDS[type(error)][1]}
+    if isinstance(error, DeviceError):
+        facts["code"] = error.code
+        facts["text"] = error.meaning
+    else:
+        facts["text"] = str(error)
+    return facts
+
+
+def report_failure(error: Error, what: str = "") -> None:
+    """One or two lines for a person: what was asked, what came, what to try."""
+    asked = f"{what}: " if what else ""
+    click.secho(f"{asked}{error}", err=True, fg="red")
+    advice = _advice(error)
+    if advice:
+        click.echo(f"  {advice}", err=True)
+
+
+def _advice(error: Error) -> str:
+    if isinstance(error, NoReply):
+        if error.damaged:
+            return (
+                "bytes come, but damaged: check baud rate and format, A/B, termination; see --trace"
+            )
+        return "check address, baud rate, format and wiring; --trace shows every frame"
+    if isinstance(error, OutcomeUnknown):
+        return "look at the device before you write again"
+    return ""

@@ -1,0 +1,120 @@
+"""A table that lives: values with their trend in a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from types import TracebackType
+from typing import Any, Self
+
+import click
+
+from multidrop.points import Value, shown_value
+
+BARS = "▁▂▃▄▅▆▇█"
+TREND = 40  # values
+
+
+def sparkline(values: Sequence[float], width: int = TREND) -> str:
+    """The last `width` values as bars between the lowest and the highest of them."""
+    shown = list(values)[-width:]
+    if not shown:
+        return ""
+    low, high = min(shown), max(shown)
+    span = high - low
+    if not span:
+        return BARS[0] * len(shown)
+    return "".join(BARS[round((value - low) / span * (len(BARS) - 1))] for value in shown)
+
+
+@dataclass
+class Row:
+    """One point of the table: its latest value or failure, and its trend."""
+
+    label: str
+    unit: str
+    value: Value | None = None
+    note: str = ""
+    bad: bool = False
+    trend: deque[float] = field(default_factory=lambda: deque(maxlen=TREND))
+
+    def show(self, value: Value, note: str = "", *, bad: bool = False) -> bool:
+        """A new value; returns whether anything changed that a person would see."""
+        changed = (value, note, bad) != (self.value, self.note, self.bad)
+        self.value, self.note, self.bad = value, note, bad
+        if isinstance(value, int | float):
+            self.trend.append(float(value))
+        return changed
+
+    def fail(self, why: str) -> bool:
+        """The value could not be read: the old one is not shown as if it were true."""
+        changed = (why, True) != (self.note, self.bad)
+        self.value, self.note, self.bad = None, why, True
+        return changed
+
+    @property
+    def text(self) -> str:
+        if self.value is None:
+            return "-"
+        return shown_value(self.value) + (f" {self.unit}" if self.unit else "")
+
+
+class LiveTable:
+    """Shows rows in place where standard output is a terminal; else prints each change."""
+
+    def __init__(self, title: str, rows: Sequence[Row]) -> None:
+        self._title = title
+        self._rows = rows
+        self._live: Any = None
+
+    def __enter__(self) -> Self:
+        from rich.console import Console
+        from rich.live import Live
+
+        console = Console()
+        if console.is_terminal:
+            self._live = Live(self._table(), console=console, auto_refresh=False)
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def changed(self, row: Row) -> None:
+        """A row has something new to show."""
+        if self._live is None:
+            clock = datetime.now().strftime("%H:%M:%S")
+            note = f"   {row.note}" if row.note else ""
+            click.echo(f"{clock}   {row.label:<32} {row.text}{note}")
+
+    def refresh(self) -> None:
+        if self._live is not None:
+            self._live.update(self._table(), refresh=True)
+
+    def _table(self) -> Any:
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        table = Table(title=self._title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+        table.add_column("point", no_wrap=True)
+        table.add_column("value", justify="right", min_width=14, no_wrap=True)
+        table.add_column("trend", min_width=TREND, no_wrap=True)
+        table.add_column("", overflow="ellipsis")
+        for row in self._rows:
+            style = "bold red" if row.bad else ""
+            table.add_row(
+                Text(row.label),
+                Text(row.text, style),
+                Text(sparkline(row.trend), "cyan"),
+                Text(row.note, style),
+            )
+        return table

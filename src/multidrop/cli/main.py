@@ -1,0 +1,101 @@
+"""The `multidrop` command: finds a command's file, and turns what it raises into an exit status."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import click
+
+from multidrop.cli.failures import INTERRUPTED, exit_status, report_failure
+from multidrop.errors import Error
+
+COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
+    "demo": ("demo", "A simulated plant, live in the terminal: start here."),
+    "ports": ("about", "The serial ports of this machine."),
+    "profiles": ("about", "The device models that multidrop knows."),
+    "points": ("about", "The points of a model."),
+    "read": ("reading", "Read points of a device, once or again and again."),
+    "write": ("writing", "Write points of a device and read them back."),
+    "watch": ("watch", "A live table of points with their trend."),
+    "status": ("services", "Status word, state, faults of a device."),
+    "clear-faults": ("services", "Clear the fault of a drive."),
+    "reset-comm": ("services", "Reset the serial interface of a slave, not its faults."),
+    "broadcast": ("broadcast", "Write points of every slave at once, and verify."),
+    "raw": ("services", "Send one command body as is."),
+    "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
+}
+EXPLAINED = {  # what somebody may type, and what was meant
+    "reset": (
+        "multidrop clear-faults DEVICE clears a drive's fault; "
+        "multidrop reset-comm DEVICE resets its serial interface and leaves faults alone."
+    ),
+}
+
+
+class Commands(click.Group):
+    """Imports only the command that is called: a read must start fast."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name in EXPLAINED:
+            raise click.UsageError(f"which reset? {EXPLAINED[cmd_name]}", ctx)
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"multidrop.cli.{COMMANDS[cmd_name][0]}")
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and args[0] not in COMMANDS and args[0] not in EXPLAINED:
+            from multidrop.profile import nearest
+
+            raise click.UsageError(
+                f"there is no command {args[0]!r}{nearest(args[0], COMMANDS)}", ctx
+            )
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.command(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="A device is PROFILE:ADDRESS@PORT[,key=value]..., as in flexmax:0@/dev/ttyUSB0 or "
+    "ax-v:2@tcp://10.0.0.7:4001, or the name of one in multidrop.toml. "
+    "multidrop is not a safety function: stop and enable circuits are wired.",
+)
+@click.version_option(package_name="multidrop", message="multidrop %(version)s")
+def cli() -> None:
+    """Reads and writes decades-old drives and controllers on RS-485 lines."""
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line; returns the exit status."""
+    try:
+        result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Exit as leave:
+        return leave.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        return INTERRUPTED
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except BrokenPipeError:  # whoever read our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Error as error:
+        report_failure(error)
+        return exit_status(error)
+    return result if isinstance(result, int) else 0

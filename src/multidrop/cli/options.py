@@ -1,0 +1,141 @@
+"""What most commands share: the device, the keys of its line, --json, --trace, --yes."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from multidrop.catalog import load_profile, profile_file
+from multidrop.errors import UsageError
+from multidrop.io.audit import AuditLog
+from multidrop.io.connection import Connection, Target, connect
+from multidrop.naming import LINE_KEYS, parse_device
+from multidrop.plantfile import FILE, Plant, PlantDevice, load_plant
+
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
+
+CONFIG_ENVIRONMENT = "MULTIDROP_CONFIG"
+_OWN_KEYS = ("broadcast", "stuffing", "settle")  # of protocols; refused where they do not exist
+
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """The shared options as given."""
+
+    json: bool
+    trace: bool
+    yes: bool
+    force: bool
+    keys: dict[str, str]
+    profile: str | None
+    config: str | None
+
+    def target(self, device: str, *, broadcast: bool = False) -> Target:
+        """The device of a name. Raises `UsageError`."""
+        if "@" not in device and not broadcast:
+            found = self.plant().find(device)
+            return self._plant_target(found)
+        name = parse_device(device, broadcast=broadcast)
+        name = _with_keys(name, self.keys)
+        return Target(name, profile_file(Path(self.profile)) if self.profile else None)
+
+    def plant_device(self, device: str) -> PlantDevice | None:
+        """What the plant file says of a device named by it; None for one named by its address."""
+        return None if "@" in device else self.plant().find(device)
+
+    def plant(self) -> Plant:
+        path = Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, FILE))
+        if not path.exists() and self.config is None:
+            raise UsageError(
+                f"a name without @ is looked up in {path}, and there is none here; "
+                "a device is PROFILE:ADDRESS@PORT, as in flexmax:0@/dev/ttyUSB0"
+            )
+        return load_plant(path, load_profile)
+
+    def _plant_target(self, found: PlantDevice) -> Target:
+        return Target(_with_keys(found.device, self.keys), found.profile)
+
+    def audit(self) -> AuditLog:
+        return AuditLog(origin="command line", force=self.force)
+
+    def connect(self, target: Target) -> Connection:
+        """Open the device's line, with a trace on it if that was asked for."""
+        connection = connect(target, audit=self.audit())
+        if self.trace:
+            from multidrop.cli.trace import Trace
+
+            connection.line.taps.append(Trace(target.protocol, sys.stderr))
+        return connection
+
+    def confirm(self, question: str, *, needs_yes: bool) -> None:
+        """Ask where somebody can answer; elsewhere go on, or demand --yes. Raises `UsageError`."""
+        if self.yes:
+            return
+        if sys.stdin.isatty() and sys.stderr.isatty():
+            if not click.confirm(question, err=True):
+                raise UsageError("not confirmed; nothing was sent")
+        elif needs_yes:
+            raise UsageError(f"{question} Nobody is there to answer: --yes says so.")
+
+
+def _with_keys(name: Any, keys: dict[str, str]) -> Any:
+    from dataclasses import replace
+
+    return replace(name, options={**name.options, **keys})
+
+
+def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], CommandT]:
+    """Gives a command `common: Common`. `force` is the help of its --force, if it has one."""
+
+    def decorate(command: CommandT) -> CommandT:
+        @functools.wraps(command)
+        def wrapper(**given: Any) -> Any:
+            keys = {
+                key: str(given.pop(f"key_{key}"))
+                for key in (*LINE_KEYS, *_OWN_KEYS)
+                if given.get(f"key_{key}") is not None
+            }
+            for key in (*LINE_KEYS, *_OWN_KEYS):
+                given.pop(f"key_{key}", None)
+            options = Common(
+                json=given.pop("json"),
+                trace=given.pop("trace"),
+                yes=given.pop("yes", False),
+                force=given.pop("force", False),
+                keys=keys,
+                profile=given.pop("profile"),
+                config=given.pop("config"),
+            )
+            return command(common=options, **given)
+
+        return _decorated(wrapper, force, writes)  # type: ignore[no-any-return]
+
+    return decorate
+
+
+def _decorated(command: Any, force: str, writes: bool) -> Any:
+    for key in reversed((*LINE_KEYS, *_OWN_KEYS)):
+        text = LINE_KEYS.get(key, "")
+        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=text, hidden=not text)(
+            command
+        )
+    command = click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{FILE}")(
+        command
+    )
+    command = click.option("--profile", metavar="FILE", help="a profile of your own, TOML")(command)
+    command = click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")(
+        command
+    )
+    command = click.option("--json", is_flag=True, help="JSON Lines on standard output")(command)
+    if force:
+        command = click.option("--force", is_flag=True, help=force)(command)
+    if writes:
+        command = click.option("--yes", is_flag=True, help="ask no questions")(command)
+    return command

@@ -1,0 +1,88 @@
+"""`multidrop read`."""
+
+from __future__ import annotations
+
+import json as json_module
+import time
+
+import click
+
+from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.options import Common, common
+from multidrop.errors import Error, PortError
+from multidrop.io.audit import jsonable
+from multidrop.io.connection import Connection
+from multidrop.points import Point, Reading, shown_value
+
+
+@click.command(
+    epilog="Example: multidrop read flexmax:0@/dev/ttyUSB0 8236:int16 actual_speed --every 0.5"
+)
+@click.argument("device")
+@click.argument("points", nargs=-1, required=True, metavar="POINT...")
+@click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
+@common()
+def read(common: Common, device: str, points: tuple[str, ...], every: float | None) -> int:
+    """Read POINTs of DEVICE."""
+    target = common.target(device)
+    asked = [target.device().point(text) for text in points]  # all, before anything is opened
+    with common.connect(target) as connection:
+        started = time.monotonic()
+        while True:
+            status = read_all(connection, asked, common.json, device)
+            if every is None:
+                return status
+            started += every
+            time.sleep(max(0.0, started - time.monotonic()))
+
+
+def read_all(connection: Connection, points: list[Point], as_json: bool, device: str) -> int:
+    """All are tried; the highest status counts. A lost port ends it."""
+    status = 0
+    fault = False
+    for point in points:
+        try:
+            reading = connection.read(point)
+        except Error as error:
+            status = max(status, exit_status(error))
+            if as_json:
+                line = {"v": 1, "device": connection.name, "point": point.text}
+                click.echo(json_module.dumps({**line, "error": failure(error)}))
+            else:
+                report_failure(error, str(point))
+            if isinstance(error, PortError):
+                return status
+            continue
+        fault = fault or bool(reading.fault)
+        click.echo(as_line(connection.name, reading) if as_json else as_text(reading))
+    if fault and not as_json:
+        click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
+    return status
+
+
+def as_line(device: str, reading: Reading) -> str:
+    """A reading as a JSON line."""
+    return json_module.dumps(
+        {
+            "v": 1,
+            "device": device,
+            "point": reading.point,
+            "name": reading.name,
+            "value": jsonable(reading.value),
+            "unit": reading.unit,
+            "type": reading.type,
+            "raw": reading.raw.hex(),
+            "fault": reading.fault,
+            "time": reading.time.isoformat(timespec="microseconds").replace("+00:00", "Z"),
+            "ms": reading.ms,
+        },
+        ensure_ascii=False,
+    )
+
+
+def as_text(reading: Reading) -> str:
+    """A reading for a person."""
+    label = f"{reading.name} ({reading.point})" if reading.name else reading.point
+    value = shown_value(reading.value) + (f" {reading.unit}" if reading.unit else "")
+    raw = reading.raw.hex(" ").upper()
+    return f"{label:<32} {value:>14}   {reading.type:<8} {raw:<12} {reading.ms:.1f} ms"

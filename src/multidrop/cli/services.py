@@ -1,0 +1,69 @@
+"""`multidrop status`, `clear-faults`, `reset-comm`, `raw`."""
+
+from __future__ import annotations
+
+import json as json_module
+
+import click
+
+from multidrop.cli.options import Common, common
+from multidrop.device import Report
+
+
+@click.command(epilog="Example: multidrop status flexmax:0@/dev/ttyUSB0")
+@click.argument("device")
+@common()
+def status(common: Common, device: str) -> None:
+    """Show state, fault bit, malfunction code and status word of DEVICE by name."""
+    target = common.target(device)
+    target.device().status()
+    with common.connect(target) as connection:
+        _show(common, connection.name, connection.status())
+
+
+@click.command(epilog="Example: multidrop clear-faults flexmax:0@/dev/ttyUSB0")
+@click.argument("device")
+@common(force="go on without an audit log", writes=True)
+def clear_faults(common: Common, device: str) -> None:
+    """Clear the fault of DEVICE. A drive that is not in fault is left alone."""
+    target = common.target(device)
+    target.device().clear_faults()
+    common.confirm(f"Clear the fault of {device}?", needs_yes=False)
+    with common.connect(target) as connection:
+        _show(common, connection.name, connection.clear_faults())
+
+
+@click.command(epilog="Example: multidrop reset-comm flexmax:0@/dev/ttyUSB0")
+@click.argument("device")
+@common(force="go on without an audit log", writes=True)
+def reset_comm(common: Common, device: str) -> None:
+    """Reset the serial interface of DEVICE. Its faults stay: see clear-faults."""
+    target = common.target(device)
+    target.device().reset_comm()
+    with common.connect(target) as connection:
+        _show(common, connection.name, connection.reset_comm())
+
+
+@click.command(
+    epilog="Example: multidrop raw flexmax:0@/dev/ttyUSB0 23 00 (SLINK3: COMMAND low, COMMAND "
+    "high, DATA; dgfc/CDAB1122 goes to the card behind a drive)"
+)
+@click.argument("device")
+@click.argument("body", nargs=-1, required=True, metavar="HEX...")
+@common(force="go on without an audit log", writes=True)
+def raw(common: Common, device: str, body: tuple[str, ...]) -> None:
+    """Send one command body to DEVICE as is, once, and show the reply."""
+    target = common.target(device)
+    text = " ".join(body)
+    target.device().prepare_raw(text)
+    common.confirm(f"Send {text} to {device}? It may move the machine.", needs_yes=False)
+    with common.connect(target) as connection:
+        _show(common, connection.name, connection.raw(text))
+
+
+def _show(common: Common, device: str, report: Report) -> None:
+    if common.json:
+        click.echo(json_module.dumps({"v": 1, "device": device, **report.fields}))
+        return
+    for line in report.lines:
+        click.echo(line)

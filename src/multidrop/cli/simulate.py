@@ -1,0 +1,128 @@
+"""`multidrop simulate`."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from pathlib import Path
+
+import click
+
+from multidrop.catalog import load_profile
+from multidrop.errors import UsageError
+from multidrop.io.connection import line_settings
+from multidrop.naming import LineOptions, parse_simulated
+from multidrop.plantfile import load_plant
+from multidrop.protocols import PROTOCOLS
+from multidrop.sim.devices import simulated_device
+from multidrop.sim.faults import LATE, RandomFaults, parse_fault
+from multidrop.sim.line import LineFaults, Pace, SimulatedLine
+from multidrop.sim.serve import Listener, serve
+
+
+@click.command(
+    epilog="Example: multidrop simulate flexmax:0+dgfc386 ax-v:2 --listen tcp://127.0.0.1:4001 "
+    "- then, in another terminal: multidrop read ax-v:2@tcp://127.0.0.1:4001 1009"
+)
+@click.argument("devices", nargs=-1, required=True, metavar="PLANT.toml | PROFILE:ADDRESS...")
+@click.option("--listen", metavar="WHERE", help="tcp://127.0.0.1:4001 or pty[:LINK]")
+@click.option("--pace", is_flag=True, help="every byte takes its time on the line")
+@click.option("--baud", type=int, metavar="RATE", help="baud rate of --pace")
+@click.option(
+    "--burst", type=float, default=0.0, metavar="MS", help="deliver in bursts, as adapters do"
+)
+@click.option("--delay", type=float, default=0.0, metavar="MS", help="from a request to its answer")
+@click.option("--fault", "faults", multiple=True, metavar="NAME=RATE", help="such as no-answer=5%")
+@click.option(
+    "--late", type=float, default=LATE, metavar="S", help="how late a late answer is (1.0)"
+)
+@click.option("--echo", is_flag=True, help="the line hears itself")
+@click.option("--seed", type=int, help="the same faults again")
+def simulate(
+    devices: tuple[str, ...],
+    listen: str | None,
+    pace: bool,
+    baud: int | None,
+    burst: float,
+    delay: float,
+    faults: tuple[str, ...],
+    late: float,
+    echo: bool,
+    seed: int | None,
+) -> None:
+    """Simulate devices on a line: a plant file's, or those named, with default values.
+
+    Faults: no-answer late-answer wrong-checksum cut-short noise other-slave wrong-sequence.
+    """
+    if min(burst, delay, late) < 0:
+        raise UsageError("--burst, --delay and --late are times: 0 or more")
+    lines = _of_plant(devices[0]) if devices[0].endswith(".toml") else _named(devices, listen)
+    if devices[0].endswith(".toml") and listen:
+        raise UsageError("a plant file names its own ports: leave --listen away")
+    rates = dict(parse_fault(text) for text in faults)
+    served = []
+    for where, line in lines:
+        settings = line_settings(
+            PROTOCOLS[line.protocol], load_profile(line.profile), LineOptions(baud=baud)
+        )
+        character = settings.character if pace else 0.0
+        line.simulated.pace = Pace(character, burst / 1000, delay / 1000)
+        line.simulated.faults = LineFaults(RandomFaults(rates, seed), late, echo)
+        served.append((where, line.simulated))
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(_serve(served))
+
+
+class _Planned:
+    """A line to simulate, and the profile whose settings it has."""
+
+    def __init__(self, devices: list[tuple[str, int, str | None]]) -> None:
+        self.profile = devices[0][0]
+        protocols = {load_profile(profile).protocol for profile, _, _ in devices}
+        if len(protocols) > 1:
+            raise UsageError(
+                f"one line has one protocol, these have {' and '.join(sorted(protocols))}"
+            )
+        addresses = [address for _, address, _ in devices]
+        for address in addresses:
+            if addresses.count(address) > 1:
+                raise UsageError(f"address {address} is used twice on one line")
+        self.protocol = protocols.pop()
+        self.simulated = SimulatedLine(
+            [simulated_device(*device) for device in devices], PROTOCOLS[self.protocol].line.decoder
+        )
+
+
+def _named(devices: tuple[str, ...], listen: str | None) -> list[tuple[str, _Planned]]:
+    if listen is None:
+        raise UsageError("where? --listen tcp://127.0.0.1:4001 or --listen pty:/tmp/drive")
+    return [(listen, _Planned([parse_simulated(text) for text in devices]))]
+
+
+def _of_plant(file: str) -> list[tuple[str, _Planned]]:
+    plant = load_plant(Path(file), load_profile)
+    lines = []
+    for line, port in plant.lines.items():
+        devices = [
+            (device.device.profile, device.device.address or 0, device.behind)
+            for device in plant.devices.values()
+            if device.line == line
+        ]
+        if devices:
+            where = port if "://" in port else f"pty:{port}"
+            lines.append((where.replace("rfc2217://", "tcp://"), _Planned(devices)))
+    if not lines:
+        raise UsageError(f"{file} has no devices to simulate")
+    return lines
+
+
+async def _serve(lines: list[tuple[str, SimulatedLine]]) -> None:
+    listeners: list[Listener] = []
+    try:
+        for where, line in lines:
+            listeners.append(await serve(line, where, spin=bool(line.pace.character)))
+            click.echo(f"listening on {listeners[-1].port}")
+        await asyncio.get_running_loop().create_future()
+    finally:
+        for listener in listeners:
+            listener.close()

@@ -1,0 +1,72 @@
+"""`multidrop watch`."""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+from multidrop.cli.live import LiveTable, Row
+from multidrop.cli.options import Common, common
+from multidrop.cli.reading import read_all
+from multidrop.errors import Error, PortError, UsageError
+from multidrop.io.connection import Connection
+from multidrop.points import Point
+
+
+@click.command(epilog="Example: multidrop watch flexmax:0@/dev/ttyUSB0 actual_speed 8236:int16")
+@click.argument("device")
+@click.argument("points", nargs=-1, metavar="[POINT...]")
+@click.option(
+    "--every", type=click.FloatRange(0.0), default=0.5, metavar="S", help="s between readings (0.5)"
+)
+@common()
+def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> None:
+    """Show POINTs of DEVICE live with their trend, until Ctrl-C.
+
+    A device of the plant file is shown with all its points if none is named.
+    """
+    target = common.target(device)
+    if not points:
+        plant_device = common.plant_device(device)
+        points = tuple(plant_device.every) if plant_device is not None else ()
+        if not points:
+            raise UsageError(
+                "which points? As in: multidrop watch flexmax:0@/dev/ttyUSB0 actual_speed"
+            )
+    worked_out = target.device()
+    asked = [worked_out.point(text) for text in points]
+    rows = [Row(str(point), point.unit or "") for point in asked]
+    with common.connect(target) as connection:
+        if common.json:
+            _watch_json(connection, asked, every)
+        with LiveTable(device, rows) as table:
+            _watch(connection, asked, rows, table, every)
+
+
+def _watch(
+    connection: Connection, points: list[Point], rows: list[Row], table: LiveTable, every: float
+) -> None:
+    due = time.monotonic()
+    while True:
+        for point, row in zip(points, rows, strict=True):
+            try:
+                reading = connection.read(point)
+            except PortError:
+                raise
+            except Error as error:
+                changed = row.fail(str(error))
+            else:
+                note = "in fault" if reading.fault else ""
+                changed = row.show(reading.value, note, bad=bool(reading.fault))
+            if changed:
+                table.changed(row)
+        table.refresh()
+        due = max(due + every, time.monotonic())
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
+def _watch_json(connection: Connection, points: list[Point], every: float) -> None:
+    while True:
+        read_all(connection, points, True, connection.name)
+        time.sleep(every)

@@ -1,0 +1,119 @@
+"""`multidrop write`."""
+
+from __future__ import annotations
+
+import json as json_module
+from datetime import UTC, datetime
+from typing import Any
+
+import click
+
+from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.options import Common, common
+from multidrop.device import Write
+from multidrop.errors import Error, PortError, UsageError
+from multidrop.io.audit import jsonable, shown
+from multidrop.io.connection import Connection
+from multidrop.points import Role, shown_value
+from multidrop.writing import Outcome, Written
+
+
+@click.command(
+    epilog="Example: multidrop write flexmax:0@/dev/ttyUSB0 8236:int16=1234. A write is sent "
+    "once and read back; what cannot be confirmed is never reported as done."
+)
+@click.argument("device")
+@click.argument("assignments", nargs=-1, required=True, metavar="POINT=VALUE...")
+@click.option("--no-verify", is_flag=True, help="do not read back: the device's OK is enough")
+@click.option("--keep-going", is_flag=True, help="go on after a write that was not confirmed")
+@common(force="write past limits, read-only marks and a missing audit log", writes=True)
+def write(
+    common: Common, device: str, assignments: tuple[str, ...], no_verify: bool, keep_going: bool
+) -> int:
+    """Write each POINT=VALUE of DEVICE in the order given, and read it back."""
+    target = common.target(device)
+    worked_out = target.device()
+    writes = [
+        worked_out.prepare_write(*parse_assignment(text), force=common.force)
+        for text in assignments
+    ]
+    common.audit().check()
+    _confirm_commands(common, device, writes)
+    with common.connect(target) as connection:
+        return _write_all(connection, writes, common.json, not no_verify, keep_going)
+
+
+def parse_assignment(text: str) -> tuple[str, str]:
+    """`POINT=VALUE`. Raises `UsageError`."""
+    point, equals, value = text.partition("=")
+    if not equals or not point:
+        raise UsageError(f"{text!r} is not POINT=VALUE, as in 8236:int16=1234")
+    return point.strip(), value
+
+
+def _confirm_commands(common: Common, device: str, writes: list[Write]) -> None:
+    moving = [
+        f"{write.point}={shown_value(write.value)}"
+        for write in writes
+        if write.point.role is Role.COMMAND
+    ]
+    if moving:
+        common.confirm(
+            f"{', '.join(moving)} may start, stop or switch {device}. Write it?", needs_yes=True
+        )
+
+
+def _write_all(
+    connection: Connection, writes: list[Write], as_json: bool, verify: bool, keep_going: bool
+) -> int:
+    status = 0
+    stopped = False
+    for write in writes:
+        if stopped:
+            record = Written(write.point, write.value, Outcome.NOT_SENT)
+        else:
+            try:
+                record = connection.carry_out(write, verify=verify)
+            except Error as error:  # nothing was sent
+                record = Written(write.point, write.value, Outcome.NOT_SENT, error=error)
+        if record.error is not None:
+            status = max(status, exit_status(record.error))
+            stopped = not keep_going or isinstance(record.error, PortError)
+        click.echo(as_line(connection.name, record)) if as_json else _show(record)
+    return status
+
+
+def as_line(device: str, record: Written) -> str:
+    """A write as a JSON line."""
+    description = record.point.description
+    line: dict[str, Any] = {
+        "v": 1,
+        "device": device,
+        "point": record.point.text,
+        "name": record.point.name,
+        "old": shown(record.old, description),
+        "asked": jsonable(record.asked),
+        "found": shown(record.found, description),
+        "raw": record.found.raw.hex() if record.found else None,
+        "outcome": record.outcome.value,
+        "time": datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z"),
+    }
+    if record.error is not None:
+        line["error"] = failure(record.error)
+    return json_module.dumps(line, ensure_ascii=False)
+
+
+def _show(record: Written) -> None:
+    unit = f" {record.point.unit}" if record.point.unit else ""
+    if record.error is None and record.outcome is not Outcome.NOT_SENT:
+        old = (
+            "?" if record.old is None else shown_value(shown(record.old, record.point.description))
+        )
+        found = shown_value(
+            shown(record.found, record.point.description) if record.found else record.asked
+        )
+        click.echo(f"{record.point!s:<32} {old} -> {found}{unit}   {record.outcome.value}")
+        return
+    click.echo(f"{record.point!s:<32} {shown_value(record.asked)}{unit}   {record.outcome.value}")
+    if record.error is not None:
+        report_failure(record.error, str(record.point))
