@@ -11,6 +11,9 @@ import click
 from multidrop.catalog import load_profile, profile_names
 from multidrop.profile import PointDescription
 
+PLAIN_WIDTH = 240
+"""Columns of a table that goes into a file or a pipe."""
+
 _as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
 
 
@@ -128,10 +131,7 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in rows:
         table.add_row(*row)
     if rows:
-        console = Console(soft_wrap=False)
-        console.print(table if console.is_terminal else _wide(table), markup=False)
-
-
-def _wide(table: Any) -> Any:
-    table.width = 200
-    return table
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=PLAIN_WIDTH)
+        console.print(table)

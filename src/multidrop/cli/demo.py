@@ -111,8 +111,8 @@ def _show(port: str, seconds: float | None) -> None:
     until = time.monotonic() + seconds if seconds is not None else float("inf")
     watched: list[_Watched] = []
     line = None
-    for name, device in DEVICES.items():
-        profile, _, address = device.partition(":")
+    for name, where in DEVICES.items():
+        profile, _, address = where.partition(":")
         target = Target(DeviceName(profile, int(address), port, {}))
         if line is None:
             connection = connect(target)

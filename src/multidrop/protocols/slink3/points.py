@@ -6,15 +6,25 @@ import re
 from dataclasses import dataclass, replace
 
 from multidrop.errors import UsageError
-from multidrop.points import Point
+from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, Dialect
+from multidrop.protocols.slink3.status import CONTROL_WORD
 from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format
 
 GRAMMAR = (
     "[DEST/]INDEX[.SUBINDEX][:TYPE] as in 8236:int16 or dgfc/511, "
     "std/INDEX.SUBINDEX:TYPE as in std/0x6041.0:uint16, or a name of the profile"
 )
+
+_CONTROL_WORD = PointDescription(
+    name="control_word",
+    at=f"std/0x{CONTROL_WORD:04X}.0:uint16",
+    role=Role.COMMAND,
+    meaning="DRIVECOM control word",
+    source="DRIVECOM profile 21",
+)
+"""It moves a drive, also where a profile knows no points: a write of it is never repeated."""
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|\d+)"
 _POINT = re.compile(rf"(?:(\w+)/)?{_NUMBER}(?:\.{_NUMBER})?(?::(\w+))?")
@@ -63,12 +73,12 @@ def _from_numbers(found: re.Match[str], text: str, dialect: Dialect) -> Paramete
         raise UsageError(f"subindex {subindex} of {text!r} is out of range: 0..255")
     if where is not None and where.lower() == "std":
         type_code = _type(type_text, None, text)
-        return _point(index, subindex or 0, 0, True, type_code)
+        return _point(index, subindex or 0, 0, True, type_code, dialect)
     destination = _destination(where, dialect, text)
     there = _dialect_there(dialect, destination)
     if subindex is not None and there is not None and not there.subindex:
         raise UsageError(f"{text!r}: {there.name} has no subindex")
-    return _point(index, subindex, destination, False, _type(type_text, there, text))
+    return _point(index, subindex, destination, False, _type(type_text, there, text), dialect)
 
 
 def _destination(where: str | None, dialect: Dialect, text: str) -> int:
@@ -111,14 +121,27 @@ def _type(text: str | None, dialect: Dialect | None, point: str) -> Format | Non
     return type_code
 
 
+def _shown(destination: int, dialect: Dialect) -> str:
+    """A destination as a point's text has it: `dgfc/`, `drive/`, `dest3/`, or nothing."""
+    if destination == BEHIND and dialect.behind:
+        return "dgfc/" if dialect.behind == "dgfc386" else "drive/"
+    return f"dest{destination}/" if destination else ""
+
+
 def _point(
-    index: int, subindex: int | None, destination: int, standard: bool, type_code: Format | None
+    index: int,
+    subindex: int | None,
+    destination: int,
+    standard: bool,
+    type_code: Format | None,
+    dialect: Dialect,
 ) -> ParameterPoint:
     if standard:
         text = f"std/0x{index:04X}.{subindex}"
     else:
-        where = {0: "", BEHIND: "dest2/"}.get(destination, f"dest{destination}/")
-        text = f"{where}{index}" + ("" if subindex is None else f".{subindex}")
+        text = f"{_shown(destination, dialect)}{index}" + (
+            "" if subindex is None else f".{subindex}"
+        )
     return ParameterPoint(
         text=text,
         type=type_code.type_name if type_code is not None else None,
@@ -136,6 +159,8 @@ def _described(point: ParameterPoint, profile: Profile, dialect: Dialect) -> Par
         known = _location(description, dialect)
         if known.text == point.text:
             return _with_description(point, known, description)
+    if point.standard and point.index == CONTROL_WORD:
+        return _with_description(point, _location(_CONTROL_WORD, dialect), _CONTROL_WORD)
     if point.standard and point.type_code in (None, Format.VOID):
         raise UsageError(
             f"{point.text!r} needs a type: a Drivecom parameter does not carry one. {GRAMMAR}"
