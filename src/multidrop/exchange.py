@@ -209,12 +209,15 @@ class Exchange(Generic[FrameT, ResultT]):
         assert step is not None
         assert not isinstance(step, Wait)
         ready = session.quiet_from
+        if session.decoder.pending:  # somebody's frame is still coming: do not speak over it
+            ready = session.last_heard + session.timing.silence
+        rested = ready
         if isinstance(step, Ask):
             self._numbers = session.numbers(step.frame)
             if self._numbers.resting:
                 ready = max(ready, self._numbers.free_at(now))
         if now < ready:
-            if ready == session.quiet_from and now > self._not_after:
+            if ready == rested and now > self._not_after:
                 return self._fail("the line never fell silent", now)
             self.deadline = ready
             return b""
