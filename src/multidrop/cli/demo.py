@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.errors import Error
+from multidrop.errors import Error, PortError
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.naming import DeviceName
 from multidrop.sim.plant import DEVICES, DemoPlant
@@ -21,21 +21,32 @@ PORT_NUMBER = 4001
 
 
 @click.command(epilog="Example: multidrop demo, and in another terminal what it prints")
-@click.option("--listen", default=f"tcp://127.0.0.1:{PORT_NUMBER}", metavar="tcp://HOST:PORT")
+@click.option("--listen", metavar="tcp://HOST:PORT", help="where the plant's line listens")
 @click.option("--seconds", type=click.FloatRange(0.0), metavar="S", help="end after so long")
-def demo(listen: str, seconds: float | None) -> None:
+def demo(listen: str | None, seconds: float | None) -> None:
     """Start a simulated plant and show it live, until Ctrl-C.
 
     Three FlexMax drives and an AX-V share one simulated 9600-baud line. One of
     the drives trips now and then.
     """
-    with _plant(listen) as port:
+    with contextlib.ExitStack() as stack:
+        port = _start(stack, listen)
         click.echo(f"listening on {port}")
         click.echo("in another terminal:")
         click.echo(f"  multidrop status flexmax:3@{port}")
         click.echo(f"  multidrop read flexmax:0@{port} actual_speed 8236 dgfc/511")
         click.echo(f"  multidrop write ax-v:2@{port} 1111=200")
         _show(port, seconds)
+
+
+def _start(stack: contextlib.ExitStack, listen: str | None) -> str:
+    """Start the plant where it was asked for; else on the usual port, or on any if that is taken."""
+    if listen is not None:
+        return stack.enter_context(_plant(listen))
+    try:
+        return stack.enter_context(_plant(f"tcp://127.0.0.1:{PORT_NUMBER}"))
+    except PortError:
+        return stack.enter_context(_plant("tcp://127.0.0.1:0"))
 
 
 @contextlib.contextmanager
