@@ -26,7 +26,13 @@ def read(common: Common, device: str, points: tuple[str, ...], every: float | No
     """Read POINTs of DEVICE."""
     target = common.target(device)
     asked = [target.device().point(text) for text in points]  # all, before anything is opened
-    with common.connect(target) as connection:
+    try:
+        connection = common.connect(target)
+    except PortError as error:
+        for point in asked if common.json else ():
+            click.echo(_failed(str(target.name), point, error))
+        raise
+    with connection:
         started = time.monotonic()
         while True:
             status = read_all(connection, asked, common.json, device)
@@ -46,8 +52,7 @@ def read_all(connection: Connection, points: list[Point], as_json: bool, device:
         except Error as error:
             status = max(status, exit_status(error))
             if as_json:
-                line = {"v": 1, "device": connection.name, "point": point.text}
-                click.echo(json_module.dumps({**line, "error": failure(error)}))
+                click.echo(_failed(connection.name, point, error))
             else:
                 report_failure(error, str(point))
             if isinstance(error, PortError):
@@ -58,6 +63,11 @@ def read_all(connection: Connection, points: list[Point], as_json: bool, device:
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status
+
+
+def _failed(device: str, point: Point, error: Error) -> str:
+    line = {"v": 1, "device": device, "point": point.text, "error": failure(error)}
+    return json_module.dumps(line, ensure_ascii=False)
 
 
 def as_line(device: str, reading: Reading) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import signal
 from pathlib import Path
 
 import click
@@ -69,8 +70,7 @@ def simulate(
         line.simulated.pace = Pace(character, burst / 1000, delay / 1000)
         line.simulated.faults = LineFaults(RandomFaults(rates, seed), late, echo)
         served.append((where, line.simulated))
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(_serve(served))
+    asyncio.run(_serve(served))
 
 
 class _Planned:
@@ -117,12 +117,17 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
 
 
 async def _serve(lines: list[tuple[str, SimulatedLine]]) -> None:
+    """Serve until Ctrl-C or SIGTERM; links to pseudo-terminals are removed then."""
+    loop = asyncio.get_running_loop()
+    ended = loop.create_future()
+    with contextlib.suppress(NotImplementedError):  # Windows
+        loop.add_signal_handler(signal.SIGTERM, lambda: ended.done() or ended.set_result(None))
     listeners: list[Listener] = []
     try:
         for where, line in lines:
             listeners.append(await serve(line, where, spin=bool(line.pace.character)))
             click.echo(f"listening on {listeners[-1].port}")
-        await asyncio.get_running_loop().create_future()
+        await ended
     finally:
         for listener in listeners:
             listener.close()

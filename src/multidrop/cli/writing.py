@@ -39,7 +39,14 @@ def write(
     ]
     common.audit().check()
     _confirm_commands(common, device, writes)
-    with common.connect(target) as connection:
+    try:
+        connection = common.connect(target)
+    except PortError as error:
+        for item in writes if common.json else ():
+            record = Written(item.point, item.value, Outcome.NOT_SENT, error=error)
+            click.echo(as_line(str(target.name), record))
+        raise
+    with connection:
         return _write_all(connection, writes, common.json, not no_verify, keep_going)
 
 
@@ -100,6 +107,8 @@ def as_line(device: str, record: Written) -> str:
     }
     if record.error is not None:
         line["error"] = failure(record.error)
+    elif record.outcome is Outcome.NOT_SENT:
+        line["error"] = {"kind": "not-sent", "text": "an earlier write was not confirmed"}
     return json_module.dumps(line, ensure_ascii=False)
 
 
