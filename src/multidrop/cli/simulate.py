@@ -119,15 +119,15 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
 async def _serve(lines: list[tuple[str, SimulatedLine]]) -> None:
     """Serve until Ctrl-C or SIGTERM; links to pseudo-terminals are removed then."""
     loop = asyncio.get_running_loop()
-    ended = loop.create_future()
+    ended = asyncio.Event()
     with contextlib.suppress(NotImplementedError):  # Windows
-        loop.add_signal_handler(signal.SIGTERM, lambda: ended.done() or ended.set_result(None))
+        loop.add_signal_handler(signal.SIGTERM, ended.set)
     listeners: list[Listener] = []
     try:
         for where, line in lines:
             listeners.append(await serve(line, where, spin=bool(line.pace.character)))
             click.echo(f"listening on {listeners[-1].port}")
-        await ended
+        await ended.wait()
     finally:
         for listener in listeners:
             listener.close()

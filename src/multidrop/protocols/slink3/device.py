@@ -115,6 +115,7 @@ class Slink3Device:
         if type_code not in (None, Format.VOID):
             assert type_code is not None
             self._encode(point, type_code, value, force)
+            value = _physical(point, type_code, value)
         return Write(point, value, force)
 
     def write(self, write: Write, *, verify: bool = True) -> Conversation[Frame, Written]:
