@@ -26,7 +26,7 @@ MOST_DATA = 255 - OVERHEAD
 
 ANSWER = 0x01  # ORDER bit 0: 0 master, 1 slave
 FAULT = 0x10  # ORDER bit 4: the slave is in fault
-MASTER_FRAME_TYPES = (0x26, 0x24)  # the reads, whose OK answers repeat the INDEX (A 5.4.1, 5.8.1)
+READ_COMMANDS = (0x26, 0x24)  # the reads, whose OK answers repeat the INDEX (A 5.4.1, 5.8.1)
 
 _HEAD = struct.Struct("<BBBBH")  # ADDRESS, CONTROL, LENGTH, ORDER, COMMAND/RESPONSE
 _FIELDS_AT_1 = struct.Struct("<xBBxBH")  # the same in a whole frame, START and LENGTH skipped
@@ -122,7 +122,7 @@ class Frame(_Fields):
             or order & 0x0F != asked_order & 0x0E | ANSWER
         ):
             return False
-        if code or command not in MASTER_FRAME_TYPES:
+        if code or command not in READ_COMMANDS or len(asked) < 3:
             return True
         if command == 0x24:  # INDEX, SUBINDEX
             return data[:3] == asked[:3]

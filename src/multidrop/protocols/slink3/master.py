@@ -13,10 +13,12 @@ from multidrop.errors import DeviceError, ProtocolError, UsageError
 from multidrop.protocols.slink3.dialects import SLINK3, Dialect
 from multidrop.protocols.slink3.frame import Frame
 from multidrop.protocols.slink3.messages import (
+    WRITES,
     Command,
     Response,
     StandardParameter,
     TypedParameter,
+    command_name,
     response_meaning,
     type_name,
 )
@@ -24,6 +26,9 @@ from multidrop.protocols.slink3.status import State, bits_set, malfunction_famil
 from multidrop.protocols.slink3.values import Format, Value, decode_value, encode_value
 
 FRAME_ERROR_ATTEMPTS = 3
+
+NO_REFUSALS = (Response.OK, Response.COMMAND_SUBMITTED, Response.OK_BROADCAST)
+"""What answers some commands well, and to the others says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +159,8 @@ class Master:
         reply = yield from self._ask(
             Command.READ_STANDARD_PARAMETER, parameter.encode(), destination, repeatable=True
         )
-        found = StandardParameter.decode(reply.data)
-        if found is None:
-            raise ProtocolError("the answer to a read is too short", reply.encode())
-        return ParameterValue(type_code, found[1], reply.in_fault)
+        value = reply.data[3:]  # behind the INDEX and SUBINDEX that made it the answer
+        return ParameterValue(type_code, value, reply.in_fault)
 
     def write_standard(
         self,
@@ -262,14 +265,16 @@ class Master:
             if reply.code != Response.FRAME_ERROR:
                 break
             reply = yield question
-        if reply.code not in (expected, Response.COMMAND_SUBMITTED):
-            raise DeviceError(reply.code, response_meaning(reply.code), fault=reply.in_fault)
-        if reply.code == Response.COMMAND_SUBMITTED and command not in (
-            Command.WRITE_TYPED_PARAMETER,
-            Command.WRITE_STANDARD_PARAMETER,
+        if reply.code == expected or (
+            reply.code == Response.COMMAND_SUBMITTED and command in WRITES
         ):
-            raise ProtocolError("a read was answered with 0016h, submitted", reply.encode())
-        return reply
+            return reply
+        if reply.code in NO_REFUSALS:
+            raise ProtocolError(
+                f"{command_name(command)} was answered with {reply.code:04X}h, {response_meaning(reply.code)}",
+                reply.encode(),
+            )
+        raise DeviceError(reply.code, response_meaning(reply.code), fault=reply.in_fault)
 
     def _write(
         self, command: Command, data: bytes, destination: int | None, repeatable: bool
