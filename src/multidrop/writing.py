@@ -51,6 +51,9 @@ class Written:
     error: Error | None = None
 
 
+ANSWER = "the answer to the write"
+"""The step at which a write is lost that nobody answered."""
+
 Send = Callable[[Sample | None], "Conversation[FrameT, bool]"]
 """Sends the write, given the old value; returns whether the device answered "submitted" only."""
 
@@ -79,14 +82,12 @@ def write_once(
         wanted(old)
     record = Written(point, asked, Outcome.UNKNOWN, old)
     for last_try in (False, True) if point.role is Role.SETTING else (True,):
-        record, silent = yield from _send(record, send)
-        if record.error is not None and not silent:
+        record, silent = yield from _send(replace(record, found=None), send)
+        if not verify or (record.error is not None and not silent):
             return record
-        if not verify:
-            return record if silent or record.error else replace(record, outcome=Outcome.UNVERIFIED)
         record = yield from _read_back(record, read, wanted, silent)
         unchanged = record.found is not None and old is not None and record.found.raw == old.raw
-        if not silent or record.outcome is Outcome.CONFIRMED or last_try or not unchanged:
+        if last_try or not unchanged or not _unanswered(record):
             return record
     raise AssertionError("the last try returns")
 
@@ -100,7 +101,7 @@ def _send(record: Written, send: Send[FrameT]) -> Conversation[FrameT, tuple[Wri
     except (NoReply, ProtocolError) as failure:
         unknown = OutcomeUnknown(
             f"{record.point}: the write of {shown_value(record.asked)} went out and its answer did not come ({failure})",
-            step="the answer to the write",
+            step=ANSWER,
         )
         return replace(record, outcome=Outcome.UNKNOWN, error=unknown), True
     if submitted:
@@ -110,6 +111,10 @@ def _send(record: Written, send: Send[FrameT]) -> Conversation[FrameT, tuple[Wri
         )
         return replace(record, outcome=Outcome.UNKNOWN, error=unknown), True
     return replace(record, outcome=Outcome.UNVERIFIED, error=None), False
+
+
+def _unanswered(record: Written) -> bool:
+    return isinstance(record.error, OutcomeUnknown) and record.error.step == ANSWER
 
 
 def _read_back(
