@@ -10,7 +10,14 @@ from collections.abc import Callable, Iterable, Mapping
 
 from multidrop.conversation import Conversation, Wait
 from multidrop.device import Received, Write
-from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
+from multidrop.errors import (
+    DeviceError,
+    NoReply,
+    NotApplied,
+    OutcomeUnknown,
+    ProtocolError,
+    UsageError,
+)
 from multidrop.points import Role, Sample, Value, shown_value
 from multidrop.profile import Profile
 from multidrop.protocols.slink3.device import Slink3Device, dialect_of
@@ -129,7 +136,7 @@ def _after(
         try:
             answer = yield from slave.master.broadcast_verify()
             received = answer if before.proves else None
-        except (NoReply, DeviceError) as failure:
+        except (NoReply, DeviceError, ProtocolError) as failure:
             note = str(failure)
     written = []
     for plan, old in zip(plans, before.old, strict=True):
@@ -146,7 +153,7 @@ def _read_back(
     asked: Value = slave.asked(write)
     try:
         found = yield from slave.read(point)
-    except (NoReply, DeviceError) as failure:
+    except (NoReply, DeviceError, ProtocolError) as failure:
         unknown = OutcomeUnknown(f"slave {slave.address}, {point}: {failure}", step="the read-back")
         return Written(point, asked, Outcome.UNKNOWN, old, None, unknown)
     if found.raw == raw:
