@@ -9,6 +9,7 @@ from multidrop.errors import UsageError
 from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, Dialect
+from multidrop.protocols.slink3.messages import Command
 from multidrop.protocols.slink3.status import CONTROL_WORD
 from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format
 
@@ -72,6 +73,8 @@ def _from_numbers(found: re.Match[str], text: str, dialect: Dialect) -> Paramete
     if subindex is not None and subindex > 0xFF:
         raise UsageError(f"subindex {subindex} of {text!r} is out of range: 0..255")
     if where is not None and where.lower() == "std":
+        if Command.READ_STANDARD_PARAMETER not in dialect.commands:
+            raise UsageError(f"{text!r}: {dialect.name} has no standard parameters")
         type_code = _type(type_text, None, text)
         return _point(index, subindex or 0, 0, True, type_code, dialect)
     destination = _destination(where, dialect, text)
@@ -174,7 +177,8 @@ def _from_name(
     description = profile.find(name)
     if description is not None:
         known = _location(description, dialect)
-        typed = replace(known, type_code=_type(type_text, dialect, name)) if type_text else known
+        there = None if known.standard else _dialect_there(dialect, known.destination)
+        typed = replace(known, type_code=_type(type_text, there, name)) if type_text else known
         return _with_description(typed, known, description)
     for prefix, offset in profile.inferred.items():
         number = name.removeprefix(prefix)
@@ -203,7 +207,9 @@ def _match(text: str) -> re.Match[str]:
 def _with_description(
     point: ParameterPoint, known: ParameterPoint, description: PointDescription
 ) -> ParameterPoint:
-    type_code = point.type_code if point.type_code is not None else known.type_code
+    type_code = point.type_code
+    if type_code is None or (point.standard and type_code is Format.VOID):
+        type_code = known.type_code
     return _typed(replace(point, type_code=type_code, description=description))
 
 
