@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
-from multidrop.protocols.slink3.frame import ANSWER, FAULT, Frame, decoder
+from multidrop.protocols.slink3.frame import ANSWER, FAULT, START, Frame, decoder
 from multidrop.protocols.slink3.messages import (
     READS,
     WRITES,
@@ -163,7 +163,9 @@ class Slave:
     def _damage(self, event: Damaged) -> Request | None:
         """Silence, since the address may be wrong; 0097 if that was chosen and the address is ours."""
         raw = event.raw
-        if not self._answer_damage or len(raw) < 5 or raw[1] != self.address or raw[4] & ANSWER:
+        if not self._answer_damage or len(raw) < 5 or raw[4] & ANSWER:
+            return None
+        if raw[:2] != bytes([START, self.address]):
             return None
         return _refused(Frame(self.address, raw[2], raw[4] & 0x0E), Response.FRAME_ERROR)
 

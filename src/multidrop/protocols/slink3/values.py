@@ -92,7 +92,7 @@ def encode_value(type_code: Format, value: Value) -> bytes:
     limits = _INTEGER_RANGES.get(type_code)
     if limits is None:
         raise UsageError(f"no value of type {type_code.type_name} can be written")
-    if value != int(value):
+    if isinstance(value, float) and not value.is_integer():
         raise UsageError(
             f"{value} is not a whole number, and {type_code.type_name} takes only those"
         )
