@@ -6,7 +6,8 @@ nothing else, so none of them knows a protocol by name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
@@ -35,6 +36,28 @@ class Write:
     force: bool = False
 
 
+class OneByOne(ABC):
+    """For protocols whose every message reads one point: no ranges, groups of one."""
+
+    @abstractmethod
+    def point(self, text: str) -> Point: ...
+
+    @abstractmethod
+    def read(self, point: Point) -> Conversation[Any, Sample]: ...
+
+    def points(self, text: str) -> Sequence[Point]:
+        return [self.point(text)]
+
+    def plan(self, points: Iterable[Point]) -> Sequence[tuple[Point, ...]]:
+        return [(point,) for point in points]
+
+    def read_group(self, group: Sequence[Point]) -> Conversation[Any, list[Sample]]:
+        samples = []
+        for point in group:
+            samples.append((yield from self.read(point)))
+        return samples
+
+
 class Device(Protocol):
     """One addressed device: every method describes a conversation, or refuses before one byte."""
 
@@ -44,6 +67,16 @@ class Device(Protocol):
     def point(self, text: str) -> Point:
         """The point that `text` names. Raises `UsageError` with the grammar or the nearest name."""
         ...
+
+    def points(self, text: str) -> Sequence[Point]:
+        """The points that `text` names: several where the grammar has ranges."""
+        ...
+
+    def plan(self, points: Iterable[Point]) -> Sequence[tuple[Point, ...]]:
+        """The points in groups; `read_group` reads each with one message where the protocol can."""
+        ...
+
+    def read_group(self, group: Sequence[Point]) -> Conversation[Any, list[Sample]]: ...
 
     def prepare_write(self, text: str, value: Value | str, *, force: bool = False) -> Write:
         """Check everything that can be checked before a byte is sent. Raises `UsageError`."""

@@ -55,6 +55,10 @@ class Point:
     def unit(self) -> str | None:
         return self.description.unit if self.description else None
 
+    def physical(self, raw: Value) -> Value:
+        """The physical value of a raw one, by the profile's scale."""
+        return self.description.physical(raw) if self.description else raw
+
     def __str__(self) -> str:
         return f"{self.name} ({self.text})" if self.name else self.text
 

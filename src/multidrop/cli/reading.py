@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_module
 import time
+from collections.abc import Iterator, Sequence
 
 import click
 
@@ -25,7 +26,10 @@ from multidrop.points import Point, Reading, shown_value
 def read(common: Common, device: str, points: tuple[str, ...], every: float | None) -> int:
     """Read POINTs of DEVICE."""
     target = common.target(device)
-    asked = [target.device().point(text) for text in points]  # all, before anything is opened
+    worked_out = target.device()
+    asked = [
+        point for text in points for point in worked_out.points(text)
+    ]  # before anything is opened
     try:
         connection = common.connect(target)
     except PortError as error:
@@ -42,27 +46,41 @@ def read(common: Common, device: str, points: tuple[str, ...], every: float | No
             time.sleep(max(0.0, started - time.monotonic()))
 
 
-def read_all(connection: Connection, points: list[Point], as_json: bool, device: str) -> int:
+def read_all(connection: Connection, points: Sequence[Point], as_json: bool, device: str) -> int:
     """All are tried; the highest status counts. A lost port ends it."""
     status = 0
     fault = False
-    for point in points:
-        try:
-            reading = connection.read(point)
-        except Error as error:
-            status = max(status, exit_status(error))
+    for point, found in in_order(connection, points):
+        if isinstance(found, Error):
+            status = max(status, exit_status(found))
             if as_json:
-                click.echo(_failed(connection.name, point, error))
+                click.echo(_failed(connection.name, point, found))
             else:
-                report_failure(error, str(point))
-            if isinstance(error, PortError):
+                report_failure(found, str(point))
+            if isinstance(found, PortError):
                 return status
             continue
-        fault = fault or bool(reading.fault)
-        click.echo(as_line(connection.name, reading) if as_json else as_text(reading))
+        fault = fault or bool(found.fault)
+        click.echo(as_line(connection.name, found) if as_json else as_text(found))
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status
+
+
+def in_order(
+    connection: Connection, points: Sequence[Point]
+) -> Iterator[tuple[Point, Reading | Error]]:
+    """Each point with its reading or what went wrong, in the order given, each group read once."""
+    group_of = {point: group for group in connection.device.plan(points) for point in group}
+    known: dict[Point, Reading | Error] = {}
+    for point in points:
+        if point not in known:
+            group = group_of[point]
+            try:
+                known.update(zip(group, connection.read_group(group), strict=True))
+            except Error as error:
+                known.update(dict.fromkeys(group, error))
+        yield point, known[point]
 
 
 def _failed(device: str, point: Point, error: Error) -> str:

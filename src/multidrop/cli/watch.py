@@ -8,7 +8,7 @@ import click
 
 from multidrop.cli.live import LiveTable, Row
 from multidrop.cli.options import Common, common
-from multidrop.cli.reading import read_all
+from multidrop.cli.reading import in_order, read_all
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection
 from multidrop.points import Point
@@ -35,7 +35,7 @@ def watch(common: Common, device: str, points: tuple[str, ...], every: float) ->
                 "which points? As in: multidrop watch flexmax:0@/dev/ttyUSB0 actual_speed"
             )
     worked_out = target.device()
-    asked = [worked_out.point(text) for text in points]
+    asked = [point for text in points for point in worked_out.points(text)]
     rows = [Row(str(point), point.unit or "") for point in asked]
     with common.connect(target) as connection:
         if common.json:
@@ -49,16 +49,14 @@ def _watch(
 ) -> None:
     due = time.monotonic()
     while True:
-        for point, row in zip(points, rows, strict=True):
-            try:
-                reading = connection.read(point)
-            except PortError:
-                raise
-            except Error as error:
-                changed = row.fail(str(error))
+        for row, (_, found) in zip(rows, in_order(connection, points), strict=True):
+            if isinstance(found, PortError):
+                raise found
+            if isinstance(found, Error):
+                changed = row.fail(str(found))
             else:
-                note = "in fault" if reading.fault else ""
-                changed = row.show(reading.value, note, bad=bool(reading.fault))
+                note = "in fault" if found.fault else ""
+                changed = row.show(found.value, note, bad=bool(found.fault))
             if changed:
                 table.changed(row)
         table.refresh()

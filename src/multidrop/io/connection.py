@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
 from typing import Any, Self
@@ -68,21 +69,26 @@ class _Connection:
         self.audit = audit or AuditLog(origin="python")
         self.name = str(target.name)
 
-    def _reading(self, point: Point, timed: Timed[Sample], now: float) -> Reading:
-        sample = timed.result
-        description = point.description
+    def _readings(
+        self, group: Sequence[Point], timed: Timed[list[Sample]], now: float
+    ) -> list[Reading]:
+        """Samples with their scale, unit and time."""
         ago = timedelta(seconds=now - timed.received_at)
-        return Reading(
-            point=point.text,
-            name=point.name,
-            value=description.physical(sample.value) if description else sample.value,
-            unit=point.unit,
-            type=sample.type,
-            raw=sample.raw,
-            fault=sample.fault,
-            time=datetime.fromtimestamp(time.time(), UTC) - ago,
-            ms=round(timed.seconds * 1000, 3),
-        )
+        received = datetime.fromtimestamp(time.time(), UTC) - ago
+        return [
+            Reading(
+                point=point.text,
+                name=point.name,
+                value=point.physical(sample.value),
+                unit=point.unit,
+                type=sample.type,
+                raw=sample.raw,
+                fault=sample.fault,
+                time=received,
+                ms=round(timed.seconds * 1000, 3),
+            )
+            for point, sample in zip(group, timed.result, strict=True)
+        ]
 
     def prepare(self, point: str, value: Value | str, *, force: bool = False) -> Write:
         """Parse, resolve and range-check a write, and the audit log; nothing is sent."""
@@ -119,8 +125,13 @@ class Connection(_Connection):
     def read(self, point: str | Point) -> Reading:
         """Read one point. Raises `UsageError`, `DeviceError`, `NoReply`, `ProtocolError`, `PortError`."""
         where = self.device.point(point) if isinstance(point, str) else point
-        timed = self.line.timed(self.device.read(where))
-        return self._reading(where, timed, self.line.port.now())
+        return self.read_group((where,))[0]
+
+    def read_group(self, group: Sequence[Point]) -> list[Reading]:
+        """Read points that the device's `plan` put together; raises as `read` does."""
+        timed = self.line.timed(self.device.read_group(group))
+        now = self.line.port.now()
+        return self._readings(group, timed, now)
 
     def write(
         self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
@@ -190,8 +201,12 @@ class AsyncConnection(_Connection):
     async def read(self, point: str | Point) -> Reading:
         """Read one point; raises as the blocking one does."""
         where = self.device.point(point) if isinstance(point, str) else point
-        timed = await self.line.timed(self.device.read(where))
-        return self._reading(where, timed, time.monotonic())
+        return (await self.read_group((where,)))[0]
+
+    async def read_group(self, group: Sequence[Point]) -> list[Reading]:
+        """Read points that the device's `plan` put together; raises as `read` does."""
+        timed = await self.line.timed(self.device.read_group(group))
+        return self._readings(group, timed, time.monotonic())
 
     async def write(
         self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
