@@ -32,7 +32,7 @@ async def poll(line: AsyncLine, name: str, ask: Ask, every: float, times: int) -
         except Error as error:
             print(f"{name}: {error}")
         else:
-            print(f"{name}: {found.value}{'  FAULT' if found.fault else ''}")
+            print(f"{name}:", found.value, "FAULT" if found.fault else "")
         await asyncio.sleep(every)
 
 

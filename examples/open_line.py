@@ -28,10 +28,11 @@ def main(port: str) -> None:
         drive = slink3.Master(0, slink3.FLEXMAX)
         parameter = line.run(drive.read_typed(8236, slink3.Format.SHORT_INT))
         speed = line.run(drive.read_standard(0x6044, 0, slink3.Format.SHORT_INT))
-        print(f"8236 = {parameter.value}, actual speed {speed.value} rpm")
+        print("8236 =", parameter.value)
+        print("actual speed", speed.value, "rpm")
 
         card = slink3.Master(0, slink3.DGFC386, destination=2)  # behind the drive
-        print(f"the card's address is {line.run(card.read_typed(511)).value}")
+        print("the card's address is", line.run(card.read_typed(511)).value)
 
         counters = line.counters
         print(f"{counters.requests} requests, {counters.answers} answers")

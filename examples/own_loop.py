@@ -55,7 +55,7 @@ def main(port: str) -> None:
     drive = slink3.Master(2, slink3.AX_V)
     with socket.create_connection((address.hostname or "", address.port or 0)) as wire:
         found = run(wire, session, drive.read_typed(1009))
-        print(f"IPA 1009 = {found.value}, bytes {found.raw.hex(' ').upper()}")
+        print("IPA 1009 =", found.value, "bytes", found.raw.hex(" ").upper())
         try:
             run(wire, session, drive.read_typed(9999))
         except Error as error:

@@ -21,10 +21,10 @@ DEFAULT = os.environ.get("MULTIDROP_EXAMPLE_PORT", "tcp://127.0.0.1:4001")
 def main(port: str) -> None:
     with multidrop.connect(f"flexmax:0@{port}") as drive:
         before = drive.read("8236:int16")
-        print(f"{before.name} = {before.value}, read in {before.ms:.1f} ms")
+        print(before.name, "=", before.value, f"read in {before.ms:.1f} ms")
 
         written = drive.write("8236", 1234)  # sent once, read back, and only then done
-        print(f"wrote {written.asked}: {written.outcome}")
+        print("wrote", written.asked, written.outcome)
         drive.write("8236", before.value)
 
         try:

@@ -69,7 +69,7 @@ def main(listen: str | None) -> None:
         serve(listener)
     threading.Thread(target=serve, args=(listener,), daemon=True).start()
     with multidrop.connect(f"ax-v:5@{port}") as master:
-        print(f"temperature {master.read('100:int16').value} tenths of a degree")
+        print("temperature", master.read("100:int16").value, "tenths of a degree")
         print(f"limit: {master.write('101:int16', 750).outcome}")
         try:
             master.read("102:int16")
