@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from multidrop.conversation import Conversation
 from multidrop.decoder import Decoder
@@ -90,6 +90,84 @@ class Device(Protocol):
     def prepare_raw(self, text: str) -> Callable[[], Conversation[Any, Report]]:
         """One command body as is; raises `UsageError` before anything is sent."""
         ...
+
+
+@runtime_checkable
+class ReadsAll(Protocol):
+    """A device whose profile can be read from end to end."""
+
+    def readable(self) -> Sequence[Point]:
+        """Every point of the profile that can be read, arrays element by element."""
+        ...
+
+
+@runtime_checkable
+class Acts(Protocol):
+    """A device that does things at once, on a word of the master: it homes, it resets."""
+
+    @property
+    def actions(self) -> Mapping[str, str]:
+        """Name -> meaning."""
+        ...
+
+    def prepare_action(self, name: str) -> Callable[[], Conversation[Any, Report]]:
+        """An action by name; raises `UsageError` before anything is sent."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """A copy between working and saved value that was checked, and not sent yet.
+
+    `points` are what it changes: the point itself, or each element of an array.
+    """
+
+    point: Point
+    save: bool  # from the working to the saved value, else back
+    points: tuple[Point, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What a device holds for a point; None where it has no such value."""
+
+    point: Point
+    working: Sample | None
+    saved: Sample | None
+    default: Sample | None
+
+    @property
+    def unsaved(self) -> bool:
+        """Changed, and gone when the power is."""
+        return _differ(self.working, self.saved)
+
+    @property
+    def customised(self) -> bool:
+        """Saved, and not the default."""
+        return _differ(self.saved, self.default)
+
+
+def _differ(one: Sample | None, other: Sample | None) -> bool:
+    return one is not None and other is not None and one.value != other.value
+
+
+@runtime_checkable
+class KeepsMemory(Protocol):
+    """A device that keeps saved values and defaults beside those that it works with."""
+
+    def prepare_copy(self, text: str, *, save: bool, force: bool = False) -> Copy:
+        """Check the copy of a point, or of a whole array. Raises `UsageError`."""
+        ...
+
+    def copy(self, copy: Copy, *, verify: bool = True) -> Conversation[Any, list[Written]]:
+        """Carry it out, once, and read back each of its points."""
+        ...
+
+    def comparable(self) -> Sequence[Point]:
+        """Every point of the profile that has a saved value, arrays element by element."""
+        ...
+
+    def compare(self, point: Point) -> Conversation[Any, Memory]: ...
 
 
 @dataclass(frozen=True, slots=True)
