@@ -18,11 +18,13 @@ class Trace:
         self._received = protocol.decoder()
         self._last = 0.0
 
-    def __call__(self, data: bytes, sent: bool, now: float) -> None:
+    def __call__(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
         if sent:
             self._show(self._received.silence(), "<", now)
             decoder = self._protocol.decoder()
             self._show(decoder.receive_data(data) + decoder.silence(), ">", now)
+        elif damaged:
+            self._show(self._received.line_error(data), "<", now)
         else:
             self._show(self._received.receive_data(data), "<", now)
 

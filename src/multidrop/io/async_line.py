@@ -32,12 +32,13 @@ class AsyncLine(asyncio.Protocol):
         self.settings = settings
         self.name = name
         self.taps: list[Tap] = []
-        self.acted = False  # whether an exchange that broke off had sent more than reads
+        self.acted = False  # whether the last exchange sent more than reads
         self.marks: ParityMarks | None = None
         self._session = new_session(settings, options or LineOptions(), network=network)
         self._loop = asyncio.get_running_loop()
         self._turn = asyncio.Lock()
         self._transport: asyncio.WriteTransport | None = None
+        self._gone = asyncio.Event()
         self._lost: PortError | None = None
         self._exchange: Exchange[Any, Any] | None = None
         self._finished: asyncio.Future[None] | None = None
@@ -53,27 +54,35 @@ class AsyncLine(asyncio.Protocol):
 
     async def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
         """The same with the time of the last answer."""
-        async with self._turn:
-            if self._lost is not None:
-                raise self._lost
-            exchange = Exchange(conversation, self._session)
-            self._exchange = exchange
-            self._finished = self._loop.create_future()
-            try:
-                self._send(exchange.start(self._loop.time()))
-                if not exchange.done:
-                    await self._finished
-            except BaseException:
-                self.acted = exchange.acted
-                exchange.abandon(self._loop.time())
-                raise
-            finally:
-                self._exchange = None
+        acted = False
+        try:
+            async with self._turn:
+                if self._lost is not None:
+                    raise self._lost
+                exchange = Exchange(conversation, self._session)
+                try:
+                    await self._carry_out(exchange)
+                finally:
+                    acted = exchange.acted
+        finally:
+            self.acted = acted
         result = exchange.result()
         received_at = (
             exchange.received_at if exchange.received_at is not None else self._loop.time()
         )
         return Timed(result, received_at, received_at - exchange.asked_at)
+
+    async def _carry_out(self, exchange: Exchange[Any, Any]) -> None:
+        self._exchange = exchange
+        self._finished = self._loop.create_future()
+        try:
+            self._send(exchange.start(self._loop.time()))
+            await self._finished
+        except BaseException:
+            exchange.abandon(self._loop.time())
+            raise
+        finally:
+            self._exchange = None
 
     # -- what the loop calls -----------------------------------------------------------------
 
@@ -82,10 +91,10 @@ class AsyncLine(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         now = self._loop.time()
-        for tap in self.taps:
-            tap(data, False, now)
         pieces = [(data, False)] if self.marks is None else self.marks.split(data)
         for piece, damaged in pieces:
+            for tap in self.taps:
+                tap(piece, False, now, damaged)
             exchange = self._exchange
             if exchange is None or exchange.done:
                 self._session.drain(piece, now, damaged=damaged)
@@ -93,8 +102,13 @@ class AsyncLine(asyncio.Protocol):
                 self._send(exchange.advance(piece, now, damaged=damaged))
 
     def connection_lost(self, error: Exception | None) -> None:
-        why = str(error) if error is not None else "the other side closed the connection"
-        self._lost = lost(self.name, why)
+        self._gone.set()
+        self._break(str(error) if error is not None else "the other side closed the connection")
+
+    def _break(self, why: str) -> None:
+        """The port was lost: whoever waits hears of it, and whoever asks from now on."""
+        if self._lost is None:
+            self._lost = lost(self.name, why)
         if self._finished is not None and not self._finished.done():
             self._finished.set_exception(self._lost)
 
@@ -105,9 +119,13 @@ class AsyncLine(asyncio.Protocol):
         assert exchange is not None
         assert self._transport is not None
         if to_send:
-            self._transport.write(to_send)
+            try:
+                self._transport.write(to_send)
+            except Exception as error:  # serialx raises what the platform raised
+                self._break(str(error))
+                return
             for tap in self.taps:
-                tap(to_send, True, exchange.asked_at)
+                tap(to_send, True, exchange.asked_at, False)
         if not exchange.done:
             self._arm(exchange.deadline)
         elif self._finished is not None and not self._finished.done():
@@ -133,12 +151,14 @@ class AsyncLine(asyncio.Protocol):
             self._arm(exchange.deadline)
 
     async def close(self) -> None:
-        """Close the port; whoever waits gets `PortError`."""
+        """Close the port and wait until it is free; whoever waits for an answer gets `PortError`."""
         if self._timer is not None:
             self._timer.cancel()
+        if self._lost is None:
+            self._lost = PortError(f"{self.name} was closed")
         if self._transport is not None:
             self._transport.close()
-            await asyncio.sleep(0)
+            await self._gone.wait()
 
     async def __aenter__(self) -> Self:
         return self
@@ -179,7 +199,7 @@ async def _open_serial(line: AsyncLine, port: str, setup: PortSetup) -> None:
         tcp_address(port)
     try:
         transport, _ = await serialx.create_serial_connection(
-            asyncio.get_running_loop(), lambda: line, port, **setup.serial_arguments()
+            asyncio.get_running_loop(), lambda: line, port, **setup.serial_arguments(port)
         )
     except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
         raise port_error(port, error) from error

@@ -15,8 +15,9 @@ from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
 
-Tap = Callable[[bytes, bool, float], None]
-"""Called with every piece of bytes, whether this side sent it, and its monotonic time."""
+Tap = Callable[[bytes, bool, float, bool], None]
+"""Called with every piece of bytes, whether this side sent it, its monotonic time, and whether
+the port marked it as damaged (parity, framing)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ class Line:
         self.port = port
         self.settings = settings
         self.taps: list[Tap] = []
-        self.acted = False  # whether an exchange that broke off had sent more than reads
+        self.acted = False  # whether the last exchange sent more than reads
         self._session = new_session(settings, options or LineOptions(), network=port.network)
 
     @property
@@ -65,39 +66,43 @@ class Line:
                 if to_send:
                     port.write(to_send)
                     for tap in taps:
-                        tap(to_send, True, exchange.asked_at)
+                        tap(to_send, True, exchange.asked_at, False)
                 if exchange.done:
                     break
                 data = port.read(exchange.deadline - port.now())
-                now = port.now()
-                for tap in taps if data else ():
-                    tap(data, False, now)
-                to_send = self._advance(exchange, data, now)
+                to_send = self._advance(exchange, data, port.now())
         except BaseException:
-            self.acted = exchange.acted
             exchange.abandon(port.now())
             raise
+        finally:
+            self.acted = exchange.acted
         result = exchange.result()
         received_at = exchange.received_at if exchange.received_at is not None else port.now()
         return Timed(result, received_at, received_at - exchange.asked_at)
 
     def _advance(self, exchange: Exchange[Any, Any], data: bytes, now: float) -> bytes:
-        marks = self.port.marks
-        if marks is None or not data:
-            return exchange.advance(data, now)
+        if not data:
+            return exchange.advance(b"", now)
         return b"".join(
-            exchange.advance(piece, now, damaged=damaged) for piece, damaged in marks.split(data)
+            exchange.advance(piece, now, damaged=damaged)
+            for piece, damaged in self._pieces(data, now)
         )
+
+    def _pieces(self, data: bytes, now: float) -> list[tuple[bytes, bool]]:
+        """What came, without the port's marks, shown to the taps."""
+        marks = self.port.marks
+        pieces = [(data, False)] if marks is None else marks.split(data)
+        for tap in self.taps:
+            for piece, damaged in pieces:
+                tap(piece, False, now, damaged)
+        return pieces
 
     def _drain(self) -> None:
         """What came while nobody asked is counted and never believed."""
-        port = self.port
-        data = port.read(0.0)
+        data = self.port.read(0.0)
         if data:
-            now = port.now()
-            for tap in self.taps:
-                tap(data, False, now)
-            for piece, damaged in port.marks.split(data) if port.marks else [(data, False)]:
+            now = self.port.now()
+            for piece, damaged in self._pieces(data, now):
                 self._session.drain(piece, now, damaged=damaged)
 
     def close(self) -> None:
