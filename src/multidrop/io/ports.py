@@ -6,6 +6,7 @@ A port says what time it is, since a simulated wire has a time of its own.
 from __future__ import annotations
 
 import errno
+import os
 import select
 import socket
 import time
@@ -16,12 +17,14 @@ from urllib.parse import urlsplit
 from multidrop.errors import PortError, UsageError
 from multidrop.io.parity import ParityMarks
 from multidrop.naming import LineOptions
-from multidrop.timing import LineSettings
+from multidrop.timing import Format, LineSettings
 
 if TYPE_CHECKING:
     from serialx import BaseSerial
 
 CONNECT_TIMEOUT = 5.0
+
+PSEUDO_TERMINALS = "/dev/pts/"
 
 
 class Port(Protocol):
@@ -49,12 +52,14 @@ class PortSetup:
     settings: LineSettings
     options: LineOptions
 
-    def serial_arguments(self) -> dict[str, Any]:
-        """The keyword arguments of serialx for these settings."""
+    def serial_arguments(self, url: str) -> dict[str, Any]:
+        """The keyword arguments of serialx for these settings of the port `url`."""
         from serialx import PinState
 
         pins = {"on": PinState.HIGH, "off": PinState.LOW, "leave": PinState.UNDEFINED}
         character = self.settings.format
+        if os.path.realpath(url).startswith(PSEUDO_TERMINALS):
+            character = Format(8, "N", 1)  # it has no other, and Linux may refuse to be asked
         leave = "leave" in (self.options.rts, self.options.dtr)
         on_close = PinState.UNDEFINED if leave else PinState.LOW
         return {
@@ -169,7 +174,7 @@ class SerialPort:
         if url.startswith("rfc2217://"):
             tcp_address(url)
         try:
-            self._serial = serialx.serial_for_url(url, **setup.serial_arguments())
+            self._serial = serialx.serial_for_url(url, **setup.serial_arguments(url))
             self._serial.open()
         except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
             raise port_error(url, error) from error

@@ -112,7 +112,7 @@ class PtyListener:
         self._loop.add_reader(self._fd, self._read)
 
     def _make_link(self, link: Path) -> None:
-        if link.is_symlink() and not link.exists():
+        if link.is_symlink() and (not link.exists() or os.readlink(link) == self.port):
             link.unlink()  # left over from a simulation that was killed
         try:
             link.symlink_to(self.port)
