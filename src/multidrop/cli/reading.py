@@ -15,6 +15,9 @@ from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
 from multidrop.points import Point, Reading, shown_value
 
+LOST = 5
+"""Exit status when the port was lost: nothing more will come from it."""
+
 
 @click.command(
     epilog="Example: multidrop read flexmax:0@/dev/ttyUSB0 8236:int16 actual_speed --every 0.5"
@@ -40,28 +43,28 @@ def read(common: Common, device: str, points: tuple[str, ...], every: float | No
         started = time.monotonic()
         while True:
             status = read_all(connection, asked, common.json, device)
-            if every is None:
+            if every is None or status == LOST:
                 return status
             started += every
             time.sleep(max(0.0, started - time.monotonic()))
 
 
 def read_all(connection: Connection, points: Sequence[Point], as_json: bool, device: str) -> int:
-    """All are tried; the highest status counts. A lost port ends it."""
+    """All are tried; the highest status counts. A port that is lost stays lost: `LOST`."""
     status = 0
     fault = False
     for point, found in in_order(connection, points):
-        if isinstance(found, Error):
-            status = max(status, exit_status(found))
-            if as_json:
-                click.echo(_failed(connection.name, point, found))
-            else:
-                report_failure(found, str(point))
-            if isinstance(found, PortError):
-                return status
+        if not isinstance(found, Error):
+            fault = fault or bool(found.fault)
+            click.echo(as_line(connection.name, found) if as_json else as_text(found))
             continue
-        fault = fault or bool(found.fault)
-        click.echo(as_line(connection.name, found) if as_json else as_text(found))
+        if as_json:
+            click.echo(_failed(connection.name, point, found))
+        else:
+            report_failure(found, str(point))
+            if isinstance(found, PortError):
+                return max(status, LOST)
+        status = max(status, exit_status(found))
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status

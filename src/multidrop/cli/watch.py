@@ -8,7 +8,7 @@ import click
 
 from multidrop.cli.live import LiveTable, Row
 from multidrop.cli.options import Common, common
-from multidrop.cli.reading import in_order, read_all
+from multidrop.cli.reading import LOST, in_order, read_all
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection
 from multidrop.points import Point
@@ -21,7 +21,7 @@ from multidrop.points import Point
     "--every", type=click.FloatRange(0.0), default=0.5, metavar="S", help="s between readings (0.5)"
 )
 @common()
-def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> None:
+def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> int:
     """Show POINTs of DEVICE live with their trend, until Ctrl-C.
 
     A device of the plant file is shown with all its points if none is named.
@@ -39,9 +39,10 @@ def watch(common: Common, device: str, points: tuple[str, ...], every: float) ->
     rows = [Row(str(point), point.unit or "") for point in asked]
     with common.connect(target) as connection:
         if common.json:
-            _watch_json(connection, asked, every)
+            return _watch_json(connection, asked, every)
         with LiveTable(device, rows) as table:
             _watch(connection, asked, rows, table, every)
+    return 0
 
 
 def _watch(
@@ -64,7 +65,7 @@ def _watch(
         time.sleep(max(0.0, due - time.monotonic()))
 
 
-def _watch_json(connection: Connection, points: list[Point], every: float) -> None:
-    while True:
-        read_all(connection, points, True, connection.name)
+def _watch_json(connection: Connection, points: list[Point], every: float) -> int:
+    while read_all(connection, points, True, connection.name) != LOST:
         time.sleep(every)
+    return LOST

@@ -85,9 +85,14 @@ def _write_all(
                 record = Written(write.point, write.value, Outcome.NOT_SENT, error=error)
         if record.error is not None:
             status = max(status, exit_status(record.error))
-            stopped = not keep_going or isinstance(record.error, PortError)
+            stopped = not keep_going or _broke_off(record.error)
         click.echo(as_line(connection.name, record)) if as_json else _show(record)
     return status
+
+
+def _broke_off(error: Error) -> bool:
+    """Whether the port or the patience of whoever waited came to its end."""
+    return any(isinstance(why, PortError | KeyboardInterrupt) for why in (error, error.__cause__))
 
 
 def as_line(device: str, record: Written) -> str:

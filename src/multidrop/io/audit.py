@@ -63,12 +63,14 @@ class AuditLog:
         )
 
     def append(self, device: str, point: str, **facts: Any) -> None:
+        """Append one line; facts are those of `written`, null where they are not given, and others."""
         line = {
             "time": datetime.now(UTC).isoformat(timespec="microseconds"),
             "who": self._who,
             "from": self._origin,
             "device": device,
             "point": point,
+            **dict.fromkeys(("name", "old", "asked", "found", "outcome")),
             **facts,
         }
         try:

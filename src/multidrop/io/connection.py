@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NoReturn, Self
 
 from multidrop.catalog import load_profile
+from multidrop.conversation import Conversation
 from multidrop.device import Device, ProtocolModule, Report, Write
-from multidrop.errors import OutcomeUnknown, PortError
+from multidrop.errors import DeviceError, Error, NotApplied, OutcomeUnknown, PortError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.audit import AuditLog
 from multidrop.io.line import Line, Timed
@@ -60,6 +62,15 @@ def line_settings(protocol: ProtocolModule, profile: Profile, options: LineOptio
     return settings.with_options(**options.line_settings())
 
 
+@dataclass(frozen=True, slots=True)
+class _Service:
+    """A command that may act, and what is known of it once it was answered."""
+
+    what: str
+    conversation: Conversation[Any, Report]
+    outcome: Outcome
+
+
 class _Connection:
     """What blocking and asyncio connections share: everything that does not touch the line."""
 
@@ -102,9 +113,38 @@ class _Connection:
         lost = OutcomeUnknown(
             f"{write.point}: the write of {write.value!r} went out, then: {reason}", step=reason
         )
+        lost.__cause__ = why
         record = Written(write.point, write.value, Outcome.UNKNOWN, error=lost)
         self.audit.written(self.name, record)
         return record
+
+    def _clear_faults(self) -> _Service:
+        return _Service("clear-faults", self.device.clear_faults(), Outcome.CONFIRMED)
+
+    def _reset_comm(self) -> _Service:
+        return _Service("reset-comm", self.device.reset_comm(), Outcome.UNVERIFIED)
+
+    def _raw(self, text: str) -> _Service:
+        return _Service(f"raw {text}", self.device.prepare_raw(text)(), Outcome.UNVERIFIED)
+
+    def _answered(self, service: _Service, report: Report, acted: bool) -> Report:
+        if acted:
+            outcome = service.outcome.value
+            self.audit.append(self.name, service.what, outcome=outcome, answer=report.fields)
+        return report
+
+    def _failed(self, service: _Service, why: BaseException, acted: bool) -> NoReturn:
+        """Log what was sent, and raise: a line or a caller that was lost leaves the outcome open."""
+        if acted:
+            reason = str(why) or "interrupted"
+            applied = isinstance(why, DeviceError | NotApplied)
+            outcome = Outcome.NOT_APPLIED if applied else Outcome.UNKNOWN
+            self.audit.append(self.name, service.what, outcome=outcome.value, error=reason)
+            if isinstance(why, KeyboardInterrupt | PortError):
+                raise OutcomeUnknown(
+                    f"{service.what} went out, then: {reason}", step=reason
+                ) from why
+        raise why
 
 
 def _checked(record: Written) -> Written:
@@ -156,30 +196,25 @@ class Connection(_Connection):
         return self.line.run(self.device.status())
 
     def clear_faults(self) -> Report:
-        self.audit.check()
-        return self._audited("clear-faults", self.device.clear_faults())
+        """Clear the fault of a drive; one that is not in fault is left alone."""
+        return self._serve(self._clear_faults())
 
     def reset_comm(self) -> Report:
-        self.audit.check()
-        return self._audited("reset-comm", self.device.reset_comm())
+        """Reset the device's serial interface, not its faults."""
+        return self._serve(self._reset_comm())
 
     def raw(self, text: str) -> Report:
-        """One command body, in hex, as is."""
-        conversation = self.device.prepare_raw(text)
-        self.audit.check()
-        return self._audited(f"raw {text}", conversation())
+        """Send one command body, in hex, as is."""
+        return self._serve(self._raw(text))
 
-    def _audited(self, what: str, conversation: Any) -> Report:
-        outcome = "unknown"
+    def _serve(self, service: _Service) -> Report:
+        self.audit.check()
+        self.line.acted = False
         try:
-            report: Report = self.line.run(conversation)
-            outcome = "confirmed"
-        except Exception as error:
-            outcome = f"failed: {error}"
-            raise
-        finally:
-            self.audit.append(self.name, what, outcome=outcome)
-        return report
+            report = self.line.run(service.conversation)
+        except (Error, KeyboardInterrupt) as why:
+            self._failed(service, why, self.line.acted)
+        return self._answered(service, report, self.line.acted)
 
     def __enter__(self) -> Self:
         return self
@@ -213,7 +248,6 @@ class AsyncConnection(_Connection):
     ) -> Written:
         """Write one point and read it back; raises unless that is confirmed."""
         write = self.prepare(point, value, force=force)
-        self.line.acted = False
         try:
             record = await self.line.run(self.device.write(write, verify=verify))
         except (asyncio.CancelledError, PortError) as why:
@@ -229,6 +263,26 @@ class AsyncConnection(_Connection):
     async def status(self) -> Report:
         """What the protocol offers of the device's state."""
         return await self.line.run(self.device.status())
+
+    async def clear_faults(self) -> Report:
+        """Clear the fault of a drive; one that is not in fault is left alone."""
+        return await self._serve(self._clear_faults())
+
+    async def reset_comm(self) -> Report:
+        """Reset the device's serial interface, not its faults."""
+        return await self._serve(self._reset_comm())
+
+    async def raw(self, text: str) -> Report:
+        """Send one command body, in hex, as is."""
+        return await self._serve(self._raw(text))
+
+    async def _serve(self, service: _Service) -> Report:
+        self.audit.check()
+        try:
+            report = await self.line.run(service.conversation)
+        except (Error, asyncio.CancelledError) as why:
+            self._failed(service, why, self.line.acted)
+        return self._answered(service, report, self.line.acted)
 
     async def __aenter__(self) -> Self:
         self.line = await open_async_line(
