@@ -1,0 +1,1 @@
+"""The world of multidrop: real lines, real processes, real terminals."""

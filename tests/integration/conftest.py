@@ -1,0 +1,40 @@
+"""What tests of the world share: an audit log of their own, and a simulated line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from integration.processes import Simulator, simulator
+from integration.ways import WAYS, Way
+
+
+@pytest.fixture(autouse=True)
+def audit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The audit log of this test, and of the processes it starts."""
+    path = tmp_path / "audit" / "audit.jsonl"
+    monkeypatch.setenv("MULTIDROP_AUDIT", str(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def plant() -> Iterator[Simulator]:
+    """flexmax:0 with a card behind it, flexmax:1 and ax-v:2 over TCP, for tests that leave no trace."""
+    with simulator() as started:
+        yield started
+
+
+@pytest.fixture
+def fresh() -> Iterator[Simulator]:
+    """The same devices with their default values, for one test alone."""
+    with simulator() as started:
+        yield started
+
+
+@pytest.fixture(params=WAYS, ids=lambda way: way.__name__)
+def way(request: pytest.FixtureRequest) -> Way:
+    """Through a blocking connection, and through an asyncio one."""
+    found: Way = request.param
+    return found
