@@ -56,7 +56,8 @@ class Decoder(Generic[FrameT]):
     def _read(self, buffer: bytes, *, final: bool) -> list[FrameReceived[FrameT] | Damaged]:
         events: list[FrameReceived[FrameT] | Damaged] = []
         read_front = self._read_front
-        start, at, end = 0, self._dropped, len(buffer)  # buffer[start:at] is damage not yet reported
+        # buffer[start:at] is damage that is not reported yet
+        start, at, end = 0, self._dropped, len(buffer)
         while at < end:
             found = read_front(buffer, at)
             if type(found) is tuple:
