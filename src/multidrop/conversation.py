@@ -43,6 +43,17 @@ class Ask(Generic[FrameT]):
 
 
 @dataclass(frozen=True, slots=True)
+class Learn(Ask[FrameT]):
+    """Ask a read, unless the line can already tell an echo from an answer that equals its request.
+
+    Such a request may only be asked after this. The answer that comes back is
+    None where nothing had to be sent.
+    """
+
+    repeatable: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Tell(Generic[FrameT]):
     """Send a frame that nobody answers: a broadcast, an acknowledge."""
 
@@ -52,7 +63,7 @@ class Tell(Generic[FrameT]):
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Keep the line's turn and let time pass."""
+    """Keep the line's turn and let time pass, counted from the end of what was sent."""
 
     seconds: float
 

@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from multidrop import conversation as steps
-from multidrop.conversation import Ask, Conversation, Tell, TooLate, Wait
+from multidrop.conversation import Ask, Conversation, Learn, Tell, TooLate, Wait
 from multidrop.decoder import Decoder
-from multidrop.errors import Error, NoReply
+from multidrop.errors import Error, NoReply, UsageError
 from multidrop.events import Damaged, FrameReceived
 from multidrop.timing import Timing
 
@@ -69,7 +69,9 @@ class Session(Generic[FrameT]):
     """What a line remembers from one exchange to the next.
 
     `echo` is True on a line that hears itself, False on one that does not, and
-    None until that is known.
+    None until that is known. `keeps_time` is whether bytes come no sooner than
+    the baud rate lets a request leave, as they do not on a simulated line, or
+    behind a network at another baud rate; None until the first frame.
     """
 
     def __init__(
@@ -78,10 +80,12 @@ class Session(Generic[FrameT]):
         self.decoder = decoder
         self.timing = timing
         self.echo = echo
+        self.keeps_time: bool | None = None
         self.counters = Counters()
         self.quiet_from = 0.0  # the next request may start then
         self.last_heard = 0.0  # when the last byte came
         self.last_sent: FrameT | None = None
+        self.sent_until = 0.0  # the calculated end of the last request on the wire
         self._numbers: dict[int, _Numbers] = {}
 
     def hear(
@@ -109,6 +113,11 @@ class Session(Generic[FrameT]):
             else:
                 self.counters.foreign += 1
 
+    @property
+    def tells_echo(self) -> bool:
+        """Whether an echo can be told from an answer that equals its request."""
+        return self.echo is True or (self.echo is False and self.keeps_time is not None)
+
     def numbers(self, frame: FrameT) -> _Numbers:
         found = self._numbers.get(frame.address)
         if found is None:
@@ -130,6 +139,8 @@ class Exchange(Generic[FrameT, ResultT]):
         self._sent: FrameT | None = None  # the attempt that waits for its answer
         self._numbers: _Numbers | None = None
         self._echo_due = False
+        self._mirrored = False  # the right answer may equal the request
+        self._clean = True  # nothing damaged was heard in this attempt
         self._answer_until = 0.0
         self._not_after = 0.0  # even a line that never falls silent ends an attempt
         self._attempt = 0
@@ -181,6 +192,8 @@ class Exchange(Generic[FrameT, ResultT]):
                 step = self._conversation.throw(error)
             else:
                 step = self._conversation.send(answer)  # type: ignore[arg-type]
+            while type(step) is Learn and self._session.tells_echo:
+                step = self._conversation.send(None)  # type: ignore[arg-type]
         except StopIteration as stop:
             self._outcome = stop.value
             self.done = True
@@ -190,8 +203,8 @@ class Exchange(Generic[FrameT, ResultT]):
             self.done = True
             return b""
         self._step = step
-        if isinstance(step, Wait):
-            self.deadline = now + step.seconds
+        if isinstance(step, Wait):  # counted from the end of what was just sent
+            self.deadline = max(now, self._session.sent_until) + step.seconds
             return b""
         self._attempt = 0
         if self._damaged:
@@ -229,14 +242,19 @@ class Exchange(Generic[FrameT, ResultT]):
         if session.decoder.pending:
             session.count_strays(session.decoder.silence())
         assert self._numbers is not None
+        self._mirrored = step.frame.answers(step.frame)
+        if self._mirrored and session.echo is None:
+            return self._resume(None, _echo_unknown(), now)
         self._attempt += 1
+        self._clean = True
         self._sent = session.last_sent = step.frame.numbered(self._numbers.take())
         self._echo_due = session.echo is not False
         raw = self._sent.encode()
         session.counters.requests += 1
         self.acted = self.acted or not step.repeatable
         self.asked_at = now
-        self._limits_from(now + len(raw) * timing.character)
+        session.sent_until = now + len(raw) * timing.character
+        self._limits_from(session.sent_until)
         return raw
 
     def _limits_from(self, end_of_request: float) -> None:
@@ -256,33 +274,62 @@ class Exchange(Generic[FrameT, ResultT]):
         session.last_sent = step.frame
         self.acted = True
         self.asked_at = now
-        session.quiet_from = now + len(raw) * session.timing.character + session.timing.gap
+        session.sent_until = now + len(raw) * session.timing.character
+        session.quiet_from = session.sent_until + session.timing.gap
         return raw + self._resume(None, None, now)
 
     # -- receiving -----------------------------------------------------------------------
 
     def _take(self, events: list[FrameReceived[FrameT] | Damaged], now: float) -> bytes:
         session = self._session
-        out = b""
-        for event in events:
+        for at, event in enumerate(events):
             if self._sent is None:
                 session.count_strays([event])
             elif isinstance(event, Damaged):
                 session.counters.damaged += 1
                 self._damaged.append(event.raw)
-            elif self._echo_due and event.frame == self._sent:
-                self._echo_due = False
-                session.echo = True
+                self._clean = False
+            elif (
+                (self._echo_due or self._mirrored)
+                and event.frame == self._sent
+                and self._is_echo(now)
+            ):
                 session.counters.echoes += 1
-                self._limits_from(now)
             elif event.frame.answers(self._sent):
-                session.counters.answers += 1
-                self.received_at = now
-                out += self._resume(event.frame, None, now)
+                # what came behind it came before the next request: it cannot answer that
+                session.count_strays(events[at + 1 :])
+                return self._answered(event.frame, now)
             else:
                 session.counters.foreign += 1
                 self._heard.append(event.raw)
-        return out
+        return b""
+
+    def _is_echo(self, now: float) -> bool:
+        """Whether a copy of the request is its echo: the first one, or one that came before it left."""
+        session = self._session
+        if not self._echo_due:
+            return now < session.sent_until and session.keeps_time is not False
+        self._echo_due = False
+        session.echo = True
+        self._notice_time(now)
+        self._limits_from(now)
+        return True
+
+    def _answered(self, answer: FrameT, now: float) -> bytes:
+        session = self._session
+        session.counters.answers += 1
+        if self._attempt == 1 and not self._mirrored:  # later ones may get a late answer
+            self._notice_time(now)
+        if type(self._step) is Learn and session.echo is None:
+            if not self._clean:
+                return self._again("damage hides whether the line has local echo", now)
+            session.echo = False
+        self.received_at = now
+        return self._resume(answer, None, now)
+
+    def _notice_time(self, now: float) -> None:
+        if self._session.keeps_time is None:
+            self._session.keeps_time = now >= self._session.sent_until
 
     def _set_deadline(self) -> None:
         session = self._session
@@ -312,12 +359,17 @@ class Exchange(Generic[FrameT, ResultT]):
                 return out
         self._give_up(now)
         session.counters.no_reply += 1
+        return out + self._again("no reply", now)
+
+    def _again(self, because: str, now: float) -> bytes:
+        """Another attempt where one is left, else the end of the step."""
+        timing = self._session.timing
         assert isinstance(self._step, Ask)
-        if self._step.repeatable and self._attempt < session.timing.attempts:
+        if self._step.repeatable and self._attempt < timing.attempts:
             self._sent = None
-            self._not_after = now + session.timing.answer
-            return out + self._send_when_quiet(now)
-        return out + self._fail("no reply", now)
+            self._not_after = now + timing.answer
+            return self._send_when_quiet(now)
+        return self._fail(because, now)
 
     def _give_up(self, now: float) -> None:
         assert self._numbers is not None
@@ -327,6 +379,13 @@ class Exchange(Generic[FrameT, ResultT]):
     def _fail(self, because: str, now: float) -> bytes:
         failure = NoReply(self._attempt, tuple(self._damaged), tuple(self._heard), because=because)
         return self._resume(None, failure, now)
+
+
+def _echo_unknown() -> UsageError:
+    return UsageError(
+        "the right answer equals this request, and whether the line has local echo is not known: "
+        "begin with a Learn step, or say echo=on or echo=off; nothing was sent"
+    )
 
 
 __all__ = ["Counters", "Error", "Exchange", "Session"]

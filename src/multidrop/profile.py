@@ -7,8 +7,10 @@ names the file, the key and the reason.
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from dataclasses import dataclass, field, fields
+from math import isfinite
 from typing import Any
 
 from multidrop.errors import UsageError
@@ -19,8 +21,9 @@ from multidrop.points import Role, Value
 class PointDescription:
     """What a profile knows of a point.
 
-    physical value = raw value x `scale`; `minimum`, `maximum` and `default`
-    are physical. `at` is the point in its protocol's grammar, with its type.
+    physical value = raw value x `scale`; `minimum`, `maximum`, `default`,
+    `step` and `excluded` are physical. `at` is the point in its protocol's
+    grammar, with its type where the grammar has one; else `type` names it.
     """
 
     name: str
@@ -34,17 +37,41 @@ class PointDescription:
     default: float | str | None = None
     access: str = "rw"  # r, w or rw
     source: str = ""
+    note: str = ""  # where this differs from what the source prints, and why
+    derived: bool = False  # no source prints the point: it follows by a rule from others
+    type: str | None = None
+    length: int | None = None  # characters of a text
+    elements: int | None = None  # of an array, counted from 0
+    step: float | None = None  # only multiples of it are values
+    excluded: list[float] = field(
+        default_factory=list, hash=False
+    )  # values that the limits would allow
+    names: dict[str, str] = field(
+        default_factory=dict, hash=False
+    )  # raw value, in decimal -> its name
+    bits: list[str] = field(
+        default_factory=list, hash=False
+    )  # names from bit 0 on; "" where a bit has none
+    functions: str = ""  # what may be asked of it, one character each, as the protocol numbers them
+    refusals: list[int] = field(
+        default_factory=list, hash=False
+    )  # codes that the source lists for it
 
     def physical(self, raw: Value) -> Value:
         """The physical value of a raw one."""
         if self.scale == 1.0 or isinstance(raw, str | bytes | bool):
             return raw
-        return raw * self.scale
+        steps = round(1 / self.scale)  # a tenth is exact as a division only
+        return raw / steps if steps and 1 / steps == self.scale else raw * self.scale
 
-    def unscaled(self, value: Value) -> Value:
-        """The raw value of a physical one, rounded to the nearest step."""
+    def unscaled(self, value: Value, *, whole: bool = True) -> Value:
+        """The raw value of a physical one, rounded to the nearest step where it must be `whole`."""
         if self.scale == 1.0 or isinstance(value, str | bytes | bool):
             return value
+        if not whole:
+            return value / self.scale
+        if not isfinite(value):
+            raise UsageError(f"{value} is no value for {self.name}")
         return round(value / self.scale)
 
     def check_limits(self, value: Value) -> None:
@@ -57,6 +84,30 @@ class PointDescription:
             limits = f"{_limit(self.minimum)}..{_limit(self.maximum)}"
             unit = f" {self.unit}" if self.unit else ""
             raise UsageError(f"{value}{unit} is out of range for {self.name}: {limits}{unit}")
+        if self.step is not None and value % self.step:
+            raise UsageError(f"{value} is no value for {self.name}: multiples of {self.step:g}")
+        if value in self.excluded:
+            raise UsageError(f"{value} is no value for {self.name}")
+
+    def raw_of_name(self, name: str) -> int | None:
+        """The raw value that has this name; case, blanks and underscores do not matter."""
+        for raw, known in self.names.items():
+            if _plain(known) == _plain(name):
+                return int(raw)
+        return None
+
+    def meaning_of(self, raw: Value) -> str | None:
+        """The name of a raw value, or of the bits that are set in it; None where it has none."""
+        if isinstance(raw, str | bytes | float):
+            return None
+        if self.bits:
+            on = [name for bit, name in enumerate(self.bits) if name and raw >> bit & 1]
+            return ", ".join(on) or "none"
+        return self.names.get(str(int(raw)))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_]+", " ", name.strip()).lower()
 
 
 def _limit(value: float | None) -> str:
@@ -75,6 +126,8 @@ class Profile:
     format: str | None = None
     inferred: dict[str, int] = field(default_factory=dict)
     """Prefix of inferred names -> what is added to the number behind it."""
+    bases: dict[str, int] = field(default_factory=dict)
+    """Datalink: type of points -> memory address of the first, where the map does not say."""
     notes: str = ""
     points: dict[str, PointDescription] = field(default_factory=dict)
 
@@ -127,6 +180,9 @@ def _description(name: str, entry: Any, file: str) -> PointDescription:
         raise UsageError(f"{where}.access {given['access']!r} is none of: r, w, rw")
     if given.get("scale", 1.0) == 0:
         raise UsageError(f"{where}.scale must not be 0")
+    for raw in given.get("names", ()):
+        if not re.fullmatch(r"-?\d+", raw):
+            raise UsageError(f"{where}.names: {raw!r} is not a raw value in decimal")
     return PointDescription(name=name, **given)
 
 
@@ -137,8 +193,21 @@ _TOML_TYPES: dict[str, type | tuple[type, ...]] = {
     "float": (int, float),
     "float | None": (int, float),
     "float | str | None": (int, float, str),
+    "bool": bool,
     "Role": str,
     "dict[str, int]": dict,
+    "dict[str, str]": dict,
+    "list[str]": list,
+    "list[int]": list,
+    "list[float]": list,
+}
+
+_TOML_CONTENTS: dict[str, type | tuple[type, ...]] = {
+    "dict[str, int]": int,
+    "dict[str, str]": str,
+    "list[str]": str,
+    "list[int]": int,
+    "list[float]": (int, float),
 }
 
 
@@ -148,8 +217,14 @@ def check_keys(table: dict[str, Any], keys: dict[str, Any], where: str) -> None:
         if key not in keys:
             raise UsageError(f"{where}: unknown key {key!r}{nearest(key, keys)}")
         expected = _TOML_TYPES[str(keys[key])]
-        if not isinstance(value, expected) or isinstance(value, bool):
+        if not isinstance(value, expected) or (isinstance(value, bool) and expected is not bool):
             raise UsageError(f"{where}.{key} is {value!r}, which is not a {keys[key]}")
+        inside = _TOML_CONTENTS.get(str(keys[key]))
+        if inside is not None:
+            items: Any = value.values() if isinstance(value, dict) else value
+            for item in items:
+                if not isinstance(item, inside) or isinstance(item, bool):
+                    raise UsageError(f"{where}.{key} holds {item!r}, which makes it no {keys[key]}")
 
 
 def nearest(word: str, known: Any) -> str:
