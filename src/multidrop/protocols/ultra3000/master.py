@@ -1,0 +1,136 @@
+"""The master's side: every function of the manual as a conversation.
+
+Methods describe, they do not send: `line.run(Master(0).read(0x073))` does. They
+speak in digits; what these mean is a profile's. A refusal is raised as
+`DeviceError`. Reads are repeated, everything else is sent once.
+"""
+
+from __future__ import annotations
+
+from multidrop.conversation import Ask, Conversation, Learn, Tell
+from multidrop.errors import DeviceError, NoReply, ProtocolError, UsageError
+from multidrop.protocols.ultra3000.frame import READS, Frame
+from multidrop.protocols.ultra3000.messages import (
+    BROADCAST,
+    LAST_ADDRESS,
+    LAST_PARAMETER,
+    PRODUCT_TYPE,
+    Function,
+    index_digits,
+    refusal_meaning,
+)
+
+
+class Master:
+    """Speaks to the drive at `address`, 0..253, and to all of them at `broadcast`."""
+
+    def __init__(self, address: int, *, broadcast: int = BROADCAST) -> None:
+        if not 0 <= address <= LAST_ADDRESS:
+            raise UsageError(f"address {address} is out of range: a drive has 0..{LAST_ADDRESS}")
+        if not 0 <= broadcast <= 0xFF:
+            raise UsageError(f"broadcast address {broadcast} is out of range: 0..255")
+        self.address = address
+        self.broadcast = broadcast
+
+    # -- reading ---------------------------------------------------------------------------
+
+    def read(
+        self, parameter: int, index: int | None = None, function: int = Function.READ_WORKING
+    ) -> Conversation[Frame, str]:
+        """The digits of a value; `function` says which: working, non-volatile, default, a limit.
+
+        An array's answer may begin with the index. Raises `DeviceError`, `NoReply`.
+        """
+        if function not in READS:
+            raise UsageError(f"function {function:X}h does not read")
+        question = self._frame(parameter, function, index_digits(index))
+        if question.data:
+            yield from self.learn_echo()
+        answer = yield from self._ask(question, repeatable=True)
+        return answer.data
+
+    def read_number(self, parameter: int, digits: int) -> Conversation[Frame, int]:
+        """A working value as a whole number. Raises `ProtocolError` where it has another width."""
+        data = yield from self.read(parameter)
+        if len(data) != digits:
+            raise ProtocolError(
+                f"parameter {parameter:03X} has {digits} digits, {len(data)} came", data.encode()
+            )
+        return int(data, 16)
+
+    # -- writing ---------------------------------------------------------------------------
+
+    def write(
+        self, parameter: int, data: str, index: int | None = None, *, non_volatile: bool = False
+    ) -> Conversation[Frame, None]:
+        """Write the working value, or the non-volatile and the working one."""
+        function = Function.WRITE_NON_VOLATILE if non_volatile else Function.WRITE_WORKING
+        yield from self.send(self._frame(parameter, function, index_digits(index) + data))
+
+    def act(self, parameter: int) -> Conversation[Frame, None]:
+        """An action: a write without data."""
+        yield from self.write(parameter, "")
+
+    def load(self, parameter: int) -> Conversation[Frame, None]:
+        """Copy the non-volatile value, or those of a whole array, to the working one."""
+        yield from self.copy(parameter, Function.COPY_NON_VOLATILE_TO_WORKING)
+
+    def save(self, parameter: int) -> Conversation[Frame, None]:
+        """Copy the working value, or those of a whole array, to the non-volatile one."""
+        yield from self.copy(parameter, Function.COPY_WORKING_TO_NON_VOLATILE)
+
+    def restore_default(
+        self, parameter: int, index: int | None = None
+    ) -> Conversation[Frame, None]:
+        """Copy the default to the non-volatile and the working value."""
+        yield from self.copy(parameter, Function.COPY_DEFAULT, index)
+
+    def copy(
+        self, parameter: int, function: int, index: int | None = None
+    ) -> Conversation[Frame, None]:
+        """One of functions 4, 5 and 7; only 7 takes an array's index."""
+        yield from self.send(self._frame(parameter, function, index_digits(index)))
+
+    def broadcast_write(
+        self, parameter: int, data: str, index: int | None = None, *, non_volatile: bool = False
+    ) -> Conversation[Frame, None]:
+        """Write a parameter of every drive. Nobody answers."""
+        function = Function.WRITE_NON_VOLATILE if non_volatile else Function.WRITE_WORKING
+        frame = self._frame(parameter, function, index_digits(index) + data)
+        yield Tell(Frame(self.broadcast, *frame[1:]))
+
+    # -- how everything is asked -----------------------------------------------------------
+
+    def learn_echo(self) -> Conversation[Frame, None]:
+        """Find out whether the line hears itself, where that is not known: read 000.
+
+        The right answer to a write or an action may be the request over again, so
+        nothing of the kind is sent before. Raises `NoReply`: then nothing was.
+        """
+        try:
+            yield Learn(Frame(self.address, PRODUCT_TYPE, Function.READ_WORKING))
+        except NoReply as failure:
+            raise NoReply(
+                failure.attempts,
+                failure.damaged,
+                failure.heard,
+                because="nothing was sent but the read of 000 that shows whether the line hears "
+                f"itself: {failure.because}",
+            ) from failure
+
+    def send(self, frame: Frame) -> Conversation[Frame, Frame]:
+        """Anything that is no plain read, once. Raises `DeviceError`, and `NoReply` when it was lost."""
+        yield from self.learn_echo()
+        return (yield from self._ask(frame, repeatable=False))
+
+    def _ask(self, question: Frame, *, repeatable: bool) -> Conversation[Frame, Frame]:
+        answer = yield Ask(question, repeatable)
+        if answer.is_refusal:
+            code = int(answer.data, 16)
+            raise DeviceError(code, refusal_meaning(code))
+        return answer
+
+    def _frame(self, parameter: int, function: int, data: str) -> Frame:
+        if not 0 <= parameter <= LAST_PARAMETER:
+            raise UsageError(f"parameter 0x{parameter:X} is out of range: 0x000..0x7FF")
+        return Frame(self.address, parameter, function, data)

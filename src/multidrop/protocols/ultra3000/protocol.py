@@ -1,0 +1,27 @@
+"""Ultra3000 host commands as `PROTOCOLS` holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from multidrop.protocols import ultra3000
+from multidrop.protocols.ultra3000.broadcast import prepare_broadcast
+from multidrop.protocols.ultra3000.describe import describe, from_master
+from multidrop.protocols.ultra3000.device import device
+from multidrop.protocols.ultra3000.frame import decoder
+from multidrop.timing import LineSettings
+
+
+class Ultra3000:
+    name = "ultra3000"
+    line: LineSettings = ultra3000.LINE
+    options: Mapping[str, str] = {"broadcast": "broadcast address, 0..255 (as delivered 255)"}
+
+    decoder = staticmethod(decoder)
+    device = staticmethod(device)
+    describe = staticmethod(describe)
+    from_master = staticmethod(from_master)
+    prepare_broadcast = staticmethod(prepare_broadcast)
+
+
+__all__ = ["Ultra3000"]
