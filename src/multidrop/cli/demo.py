@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from shutil import which
 
 import click
 
@@ -33,10 +36,17 @@ def demo(listen: str | None, seconds: float | None) -> None:
         port = _start(stack, listen)
         click.echo(f"listening on {port}")
         click.echo("in another terminal:")
-        click.echo(f"  multidrop status flexmax:3@{port}")
-        click.echo(f"  multidrop read flexmax:0@{port} actual_speed 8236 dgfc/511")
-        click.echo(f"  multidrop write ax-v:2@{port} 1111=200")
+        command = _own_name()
+        click.echo(f"  {command} status flexmax:3@{port}")
+        click.echo(f"  {command} read flexmax:0@{port} actual_speed 8236 dgfc/511")
+        click.echo(f"  {command} write ax-v:2@{port} 1111=200")
         _show(port, seconds)
+
+
+def _own_name() -> str:
+    """How to call this program from here: after `make demo` it is .venv/bin/multidrop."""
+    called = Path(sys.argv[0])
+    return str(called) if called.stem == "multidrop" and not which("multidrop") else "multidrop"
 
 
 def _start(stack: contextlib.ExitStack, listen: str | None) -> str:
