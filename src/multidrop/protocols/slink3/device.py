@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from multidrop.conversation import Conversation, Wait
-from multidrop.device import Report, Write
+from multidrop.device import OneByOne, Report, Write
 from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
 from multidrop.points import Point, Role, Sample, Value
 from multidrop.profile import Profile
@@ -35,7 +35,7 @@ CLEAR_ATTEMPTS, CLEAR_EVERY = 20, 0.1
 """After a fault reset the state is asked for every 0.1 s, for up to 2 s."""
 
 
-class Slink3Device:
+class Slink3Device(OneByOne):
     """The slave at `address` as its profile's dialect speaks."""
 
     def __init__(self, address: int, profile: Profile, dialect: Dialect) -> None:
@@ -187,7 +187,7 @@ class Slink3Device:
             return physical
         if not force:
             point.description.check_limits(physical)
-        return point.description.unscaled(physical)
+        return point.description.unscaled(physical, whole=type_code is not Format.FLOAT)
 
     # -- services --------------------------------------------------------------------------
 
@@ -276,12 +276,18 @@ class Slink3Device:
             ) from failure
 
     def _state_after_reset(self) -> Conversation[Frame, StatusWord]:
-        after = yield from self.master.status_word()
-        for _ in range(CLEAR_ATTEMPTS):
-            if after.state is status.State.SWITCH_ON_DISABLED:
-                break
-            yield Wait(CLEAR_EVERY)
+        try:
             after = yield from self.master.status_word()
+            for _ in range(CLEAR_ATTEMPTS):
+                if after.state is status.State.SWITCH_ON_DISABLED:
+                    break
+                yield Wait(CLEAR_EVERY)
+                after = yield from self.master.status_word()
+        except NoReply as failure:
+            raise OutcomeUnknown(
+                f"the fault reset was sent, and the drive's state cannot be read ({failure}); look at the drive",
+                step="the state after the fault reset",
+            ) from failure
         return after
 
     def reset_comm(self) -> Conversation[Frame, Report]:
