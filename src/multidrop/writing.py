@@ -22,6 +22,7 @@ from multidrop.errors import (
     NotApplied,
     OutcomeUnknown,
     ProtocolError,
+    UsageError,
 )
 from multidrop.points import Point, Role, Sample, Value, shown_value
 
@@ -117,6 +118,13 @@ def _unanswered(record: Written) -> bool:
     return isinstance(record.error, OutcomeUnknown) and record.error.step == ANSWER
 
 
+def _as_wanted(found: Sample, wanted: Callable[[Sample], bytes]) -> bool:
+    try:
+        return found.raw == wanted(found)
+    except UsageError:  # it is read back as another type, which the value does not fit
+        return False
+
+
 def _read_back(
     record: Written,
     read: Callable[[], Conversation[FrameT, Sample]],
@@ -129,7 +137,7 @@ def _read_back(
         return record if silent or record.old is None else replace(record, error=refusal)
     except (NoReply, ProtocolError) as failure:
         return record if silent else replace(record, error=failure)
-    if found.raw == wanted(found):
+    if _as_wanted(found, wanted):
         return replace(record, found=found, outcome=Outcome.CONFIRMED, error=None)
     if silent:
         return replace(record, found=found)
