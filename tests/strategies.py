@@ -100,9 +100,9 @@ def _device_call(address: int, profile: str, call: int) -> Converse:
 
 
 def _broadcast(profile: str, addresses: list[int], keep_going: bool) -> Converse:
-    return lambda: PROTOCOLS["slink3"].prepare_broadcast(
+    return PROTOCOLS["slink3"].prepare_broadcast(
         load_profile(profile), [("8236:int16", "7")], addresses, {}, keep_going=keep_going
-    )()
+    )
 
 
 _PROFILES = st.sampled_from(["slink3", "flexmax"])

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from dialogues import Dialogue, ExchangeStage, Played, load_dialogues, parse, play
-from dialogues.text import BadDialogue
+from dialogues.text import HERE, BadDialogue
 
 
 def on_exchange(played: Played) -> ExchangeStage:
@@ -38,6 +38,13 @@ def played_well(text: str) -> bool:
 
 def test_a_dialogue_that_holds() -> None:
     assert played_well(GOOD)
+
+
+def test_the_example_of_the_readme_holds() -> None:
+    lines = (HERE / "README.md").read_text(encoding="utf-8").splitlines()
+    example = "\n".join(line[4:] for line in lines if line.startswith("    ") or not line)
+    assert "not-applied" in example
+    assert played_well(example)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,32 @@
+"""Points and how values are shown."""
+
+from __future__ import annotations
+
+from multidrop.points import Point, Role, shown_value
+from multidrop.profile import PointDescription
+
+
+def test_a_point_without_a_description() -> None:
+    point = Point("8236")
+    assert (point.name, point.unit, point.role) == (None, None, Role.UNKNOWN)
+    assert str(point) == "8236"
+
+
+def test_a_point_with_a_description() -> None:
+    point = Point(
+        "8236", "int16", PointDescription("speed", "8236:int16", Role.SETTING, unit="rpm")
+    )
+    assert (point.name, point.unit, point.role) == ("speed", "rpm", Role.SETTING)
+    assert str(point) == "speed (8236)"
+
+
+def test_a_point_scales_as_its_description_does() -> None:
+    scaled = PointDescription("speed", "8236:int16", scale=0.1)
+    assert Point("8236", "int16", scaled).physical(123) == 12.3
+    assert Point("8236").physical(123) == 123
+
+
+def test_values_for_a_message() -> None:
+    assert shown_value(b"\xc8\x00") == "C8 00"
+    assert shown_value(-1.5) == "-1.5"
+    assert shown_value("text") == "text"
