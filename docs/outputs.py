@@ -80,9 +80,9 @@ class Page:
     def _python(self, found: re.Match[str]) -> str:
         said = self._said([sys.executable, "-c", self._here(found["body"])])
         program = f"```python\n{found['body']}```\n"
+        if "Traceback" in said:
+            raise SystemExit(f"{self.path}: a program fails:\n{said}")
         if found["shown"] is None:
-            if "Traceback" in said:
-                raise SystemExit(f"{self.path}: a program fails:\n{said}")
             return program
         return f"{program}\n```text\n{_kept(found['shown'], said)}```\n"
 
