@@ -7,11 +7,20 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from multidrop.conversation import Conversation
-from multidrop.errors import PortError
+from multidrop.errors import Error, PortError
 from multidrop.exchange import Counters, Exchange
 from multidrop.io.line import Tap, Timed, new_session
 from multidrop.io.parity import ParityMarks
-from multidrop.io.ports import CONNECT_TIMEOUT, PortSetup, lost, port_error, prepare, tcp_address
+from multidrop.io.ports import (
+    CONNECT_TIMEOUT,
+    RFC2217,
+    PortSetup,
+    lost,
+    port_error,
+    prepare,
+    refuse_kernel,
+    tcp_address,
+)
 from multidrop.naming import LineOptions
 from multidrop.timing import LineSettings
 
@@ -177,6 +186,7 @@ async def open_async_line(
 ) -> AsyncLine:
     """Open a port on the running loop. Raises `PortError` that says which and why."""
     options = options or LineOptions()
+    refuse_kernel(port, options)
     network = "://" in port
     line = AsyncLine(settings, options, network=network, name=port)
     loop = asyncio.get_running_loop()
@@ -195,18 +205,19 @@ async def open_async_line(
 async def _open_serial(line: AsyncLine, port: str, setup: PortSetup) -> None:
     import serialx
 
-    if port.startswith("rfc2217://"):
+    remote = port.startswith(RFC2217)
+    if remote:
         tcp_address(port)
     try:
-        transport, _ = await serialx.create_serial_connection(
-            asyncio.get_running_loop(), lambda: line, port, **setup.serial_arguments(port)
-        )
-    except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
-        raise port_error(port, error) from error
-    except Exception as error:  # termios.error is no OSError
-        raise port_error(port, OSError(*error.args)) from error
-    try:
+        async with asyncio.timeout(CONNECT_TIMEOUT):
+            transport, _ = await serialx.create_serial_connection(
+                asyncio.get_running_loop(), lambda: line, port, **setup.serial_arguments(port)
+            )
+            if remote:  # serialx leaves them alone there
+                await transport.set_modem_pins(setup.pins())
         line.marks = prepare(transport.serial, port, setup)
-    except BaseException:
-        transport.close()
-        raise
+    except (Exception, asyncio.CancelledError) as error:
+        await line.close()
+        if isinstance(error, Error | asyncio.CancelledError):
+            raise
+        raise port_error(port, error) from error

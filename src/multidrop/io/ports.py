@@ -20,11 +20,12 @@ from multidrop.naming import LineOptions
 from multidrop.timing import Format, LineSettings
 
 if TYPE_CHECKING:
-    from serialx import BaseSerial
+    from serialx import BaseSerial, ModemPins
 
 CONNECT_TIMEOUT = 5.0
 
 PSEUDO_TERMINALS = "/dev/pts/"
+RFC2217 = "rfc2217://"
 
 
 class Port(Protocol):
@@ -52,23 +53,34 @@ class PortSetup:
     settings: LineSettings
     options: LineOptions
 
+    def pins(self) -> ModemPins:
+        """What RTS and DTR are set to on opening."""
+        from serialx import ModemPins, PinState
+
+        states = {"on": PinState.HIGH, "off": PinState.LOW, "leave": PinState.UNDEFINED}
+        return ModemPins(rts=states[self.options.rts], dtr=states[self.options.dtr])
+
     def serial_arguments(self, url: str) -> dict[str, Any]:
         """The keyword arguments of serialx for these settings of the port `url`."""
         from serialx import PinState
 
-        pins = {"on": PinState.HIGH, "off": PinState.LOW, "leave": PinState.UNDEFINED}
+        pins = self.pins()
         character = self.settings.format
         if os.path.realpath(url).startswith(PSEUDO_TERMINALS):
             character = Format(8, "N", 1)  # it has no other, and Linux may refuse to be asked
         leave = "leave" in (self.options.rts, self.options.dtr)
         on_close = PinState.UNDEFINED if leave else PinState.LOW
+        arguments: dict[str, Any] = {}
+        if url.startswith(RFC2217):  # else it would wait for ever for an answer about the pins
+            arguments = {"read_timeout": CONNECT_TIMEOUT, "write_timeout": CONNECT_TIMEOUT}
         return {
+            **arguments,
             "baudrate": self.settings.baud,
             "byte_size": character.data_bits,
             "parity": character.parity,
             "stopbits": character.stop_bits,
-            "rts_on_open": pins[self.options.rts],
-            "dtr_on_open": pins[self.options.dtr],
+            "rts_on_open": pins.rts,
+            "dtr_on_open": pins.dtr,
             "rts_on_close": on_close,
             "dtr_on_close": on_close,
         }
@@ -76,9 +88,16 @@ class PortSetup:
 
 def open_port(url: str, setup: PortSetup) -> Port:
     """Open a port by its device name or URL. Raises `PortError` that says which and why."""
+    refuse_kernel(url, setup.options)
     if url.startswith("tcp://"):
         return TcpPort(url)
     return SerialPort(url, setup)
+
+
+def refuse_kernel(url: str, options: LineOptions) -> None:
+    """The kernel here does not switch a transmitter there. Raises `PortError`."""
+    if options.direction == "kernel" and "://" in url:
+        raise PortError(f"{url}: direction=kernel needs a serial port of this machine")
 
 
 def tcp_address(url: str) -> tuple[str, int]:
@@ -95,10 +114,16 @@ def tcp_address(url: str) -> tuple[str, int]:
 
 def port_error(url: str, error: BaseException) -> PortError:
     """The reason why a port cannot be opened, for a person."""
+    if type(error).__name__ == "error" and len(error.args) == 2:  # termios.error is no OSError
+        error = OSError(*error.args)
     number = getattr(error, "errno", None)
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
     if isinstance(error, socket.gaierror):
         reason = "no such host"
+    elif isinstance(error, TimeoutError) and url.startswith(RFC2217):
+        reason = (
+            f"no RFC 2217 answer within {CONNECT_TIMEOUT:g} s (a raw socket is tcp://HOST:PORT)"
+        )
     elif isinstance(error, TimeoutError):
         reason = f"no connection within {CONNECT_TIMEOUT:g} s"
     elif isinstance(error, ConnectionRefusedError):
@@ -171,21 +196,24 @@ class SerialPort:
 
         self._url = url
         self.network = "://" in url
-        if url.startswith("rfc2217://"):
+        if url.startswith(RFC2217):
             tcp_address(url)
+        self._buffer = bytearray(4096)
         try:
             self._serial = serialx.serial_for_url(url, **setup.serial_arguments(url))
             self._serial.open()
-        except (OSError, serialx.SerialException, ValueError, AssertionError) as error:
+        except Exception as error:  # serialx raises what the platform raised
             raise port_error(url, error) from error
-        except Exception as error:  # termios.error is no OSError
-            raise port_error(url, OSError(*error.args)) from error
-        self._buffer = bytearray(4096)
         try:
+            if url.startswith(RFC2217):  # serialx leaves them alone there
+                self._serial.set_modem_pins(setup.pins())
             self.marks = prepare(self._serial, url, setup)
-        except BaseException:
+        except PortError:
             self.close()
             raise
+        except Exception as error:
+            self.close()
+            raise port_error(url, error) from error
 
     def read(self, timeout: float) -> bytes:
         try:
@@ -215,8 +243,6 @@ def prepare(serial: BaseSerial, url: str, setup: PortSetup) -> ParityMarks | Non
     if setup.options.direction == "kernel":
         from multidrop.io import rs485
 
-        if fd < 0:
-            raise PortError(f"{url}: direction=kernel needs a serial port of this machine")
         rs485.enable(fd, url)
     if fd < 0 or "://" in url or setup.settings.format.parity == "N":
         return None
