@@ -156,5 +156,6 @@ def simulator(
 ) -> Iterator[Simulator]:
     """Simulated devices; without arguments those of the examples."""
     devices = arguments or ("flexmax:0+dgfc386", "flexmax:1", "ax-v:2")
-    with running("simulate", *devices, "--listen", listen, **changes) as program:
+    arguments = ("simulate", *devices, "--listen", listen)
+    with running(*arguments, cwd=None, **changes) as program:
         yield Simulator(program)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 from multidrop.events import FrameReceived
@@ -34,6 +35,13 @@ class Server:
         events = decoder().receive_data(bytes(self.received))
         return [event.frame for event in events if isinstance(event, FrameReceived)]
 
+    def await_connections(self, count: int) -> None:
+        """Wait until so many clients have been accepted."""
+        until = time.monotonic() + PATIENCE
+        while self.connections < count and time.monotonic() < until:
+            time.sleep(0.005)
+        assert self.connections >= count
+
     def _serve(self) -> None:
         while True:
             try:
@@ -59,25 +67,24 @@ class Connected:
     """One connection of a server, as its behaviour sees it."""
 
     def __init__(self, connection: socket.socket, received: bytearray) -> None:
-        self._connection = connection
+        self.connection = connection
         self._received = received
         self._decoder = decoder()
 
     def requests(self) -> Iterator[Frame]:
         """The requests of the other side, until it goes."""
-        while data := self._connection.recv(4096):
+        while data := self.connection.recv(4096):
             self._received += data
             for event in self._decoder.receive_data(data):
                 if isinstance(event, FrameReceived):
                     yield event.frame
 
-    def send(self, data: bytes) -> None:
-        self._connection.sendall(data)
+    def pause(self, seconds: float) -> None:
+        """The server's own time between two pieces of an answer."""
+        time.sleep(seconds)
 
-    def until_gone(self) -> None:
-        """Say nothing more until the other side goes."""
-        for _ in self.requests():
-            pass
+    def send(self, data: bytes) -> None:
+        self.connection.sendall(data)
 
 
 @contextlib.contextmanager

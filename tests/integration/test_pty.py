@@ -79,7 +79,7 @@ def test_the_same_port_again_at_once(wired: Simulator, way: Way) -> None:
 
 
 def test_the_same_port_again_in_one_loop(wired: Simulator) -> None:
-    async def twice() -> list[object]:
+    async def twice() -> list[multidrop.Value]:
         found = []
         for _ in range(3):
             async with multidrop.connect_async(wired.device("flexmax:0")) as drive:
