@@ -328,8 +328,12 @@ class Exchange(Generic[FrameT, ResultT]):
         return self._resume(answer, None, now)
 
     def _notice_time(self, now: float) -> None:
-        if self._session.keeps_time is None:
-            self._session.keeps_time = now >= self._session.sent_until
+        """One early answer shows that this line is faster than its baud rate, however late others were."""
+        session = self._session
+        if now < session.sent_until:
+            session.keeps_time = False
+        elif session.keeps_time is None:
+            session.keeps_time = True
 
     def _set_deadline(self) -> None:
         session = self._session

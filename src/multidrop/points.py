@@ -55,6 +55,10 @@ class Point:
     def unit(self) -> str | None:
         return self.description.unit if self.description else None
 
+    def raw_text(self, raw: bytes) -> str:
+        """A sample's bytes as people and programs are shown them: hex, unless the protocol is text."""
+        return raw.hex()
+
     def physical(self, raw: Value) -> Value:
         """The physical value of a raw one, by the profile's scale."""
         return self.description.physical(raw) if self.description else raw
@@ -93,3 +97,5 @@ class Reading:
     fault: bool | None
     time: datetime
     ms: float
+    raw_text: str = ""  # `raw` as it is shown: hex, or the characters of a text protocol
+    meaning: str | None = None  # the name of the value, or of its bits, where the profile has one

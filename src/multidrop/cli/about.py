@@ -39,7 +39,7 @@ def ports(json: bool) -> None:
         )
         for facts in found
     ]
-    _table(("port", "adapter", "state", "latency"), rows)
+    print_table(("port", "adapter", "state", "latency"), rows)
     if any((facts.latency_ms or 0) > 1 for facts in found):
         click.echo("a latency of 1 ms makes reads faster: docs, howto/wiring", err=True)
 
@@ -55,7 +55,7 @@ def profiles(json: bool) -> None:
             click.echo(json_module.dumps({"v": 1, **facts, "points": len(profile.points)}))
         return
     rows = [(item.name, item.title, item.protocol, str(len(item.points))) for item in found]
-    _table(("profile", "model", "protocol", "points"), rows)
+    print_table(("profile", "model", "protocol", "points"), rows)
 
 
 @click.command(epilog="Example: multidrop points flexmax speed")
@@ -88,7 +88,7 @@ def points(profile: str, word: str | None, json: bool) -> None:
         )
         click.echo(f"{why}; any point can be named by its number", err=True)
         return
-    _table(("name", "point", "role", "", "limits", "unit", "meaning"), rows)
+    print_table(("name", "point", "role", "", "limits", "unit", "meaning"), rows)
 
 
 def _mentions(item: PointDescription, word: str) -> bool:
@@ -119,7 +119,7 @@ def _limits(item: PointDescription) -> str:
     return f"{low}..{high}"
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table for a terminal of any width, plain when it goes into a file."""
     from rich import box
     from rich.console import Console

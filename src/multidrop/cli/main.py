@@ -25,6 +25,10 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "clear-faults": ("services", "Clear the fault of a drive."),
     "reset-comm": ("services", "Reset the serial interface of a slave, not its faults."),
     "broadcast": ("broadcast", "Write points of every slave at once, and verify."),
+    "action": ("services", "Let a device do something at once: homing, a reset."),
+    "save": ("memory", "Copy working values of a device into its non-volatile memory."),
+    "load": ("memory", "Copy non-volatile values of a device back into use."),
+    "compare-memory": ("memory", "What was changed and not saved, and what is not the default."),
     "raw": ("services", "Send one command body as is."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import json as json_module
+import sys
 import time
 from collections.abc import Iterator, Sequence
+from typing import TypeVar
 
 import click
 
 from multidrop.cli.failures import exit_status, failure, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.errors import Error, PortError
+from multidrop.device import Device, ReadsAll
+from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
 from multidrop.points import Point, Reading, shown_value
+
+ItemT = TypeVar("ItemT")
+
+RAW_SHOWN = 16
+"""Characters of the raw value that a person is shown; --json has all."""
+
+LONG = 10
+"""From so many points on, reading them shows its progress."""
 
 LOST = 5
 """Exit status when the port was lost: nothing more will come from it."""
@@ -23,16 +34,22 @@ LOST = 5
     epilog="Example: multidrop read flexmax:0@/dev/ttyUSB0 8236:int16 actual_speed --every 0.5"
 )
 @click.argument("device")
-@click.argument("points", nargs=-1, required=True, metavar="POINT...")
+@click.argument("points", nargs=-1, metavar="[POINT...]")
+@click.option("--all", "everything", is_flag=True, help="every readable point of the profile")
 @click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
 @common()
-def read(common: Common, device: str, points: tuple[str, ...], every: float | None) -> int:
+def read(
+    common: Common, device: str, points: tuple[str, ...], everything: bool, every: float | None
+) -> int:
     """Read POINTs of DEVICE."""
     target = common.target(device)
     worked_out = target.device()
-    asked = [
-        point for text in points for point in worked_out.points(text)
-    ]  # before anything is opened
+    if everything == bool(points):
+        raise UsageError("which points? Name them, or --all for every one of the profile")
+    if everything:
+        asked = list(readable(worked_out))
+    else:
+        asked = [point for text in points for point in worked_out.points(text)]
     try:
         connection = common.connect(target)
     except PortError as error:
@@ -53,7 +70,7 @@ def read_all(connection: Connection, points: Sequence[Point], as_json: bool, dev
     """All are tried; the highest status counts. A port that is lost stays lost: `LOST`."""
     status = 0
     fault = False
-    for point, found in in_order(connection, points):
+    for point, found in with_progress(in_order(connection, points), len(points)):
         if not isinstance(found, Error):
             fault = fault or bool(found.fault)
             click.echo(as_line(connection.name, found) if as_json else as_text(found))
@@ -68,6 +85,26 @@ def read_all(connection: Connection, points: Sequence[Point], as_json: bool, dev
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status
+
+
+def readable(device: Device) -> Sequence[Point]:
+    """Every readable point of a device's profile."""
+    if isinstance(device, ReadsAll):
+        return device.readable()
+    described = device.profile.points.values()
+    found = [device.point(item.name) for item in described if "r" in item.access]
+    if not found:
+        raise UsageError(f"{device.profile.name} has no points; name them by their numbers")
+    return found
+
+
+def with_progress(items: Iterator[ItemT], count: int) -> Iterator[ItemT]:
+    """The same items, with a progress bar on standard error where that is long and a terminal."""
+    if count < LONG or not sys.stderr.isatty() or sys.stdout.isatty():
+        yield from items
+        return
+    with click.progressbar(items, length=count, label="reading", file=sys.stderr) as bar:
+        yield from bar
 
 
 def in_order(
@@ -102,7 +139,7 @@ def as_line(device: str, reading: Reading) -> str:
             "value": jsonable(reading.value),
             "unit": reading.unit,
             "type": reading.type,
-            "raw": reading.raw.hex(),
+            "raw": reading.raw_text,
             "fault": reading.fault,
             "time": reading.time.isoformat(timespec="microseconds").replace("+00:00", "Z"),
             "ms": reading.ms,
@@ -115,5 +152,8 @@ def as_text(reading: Reading) -> str:
     """A reading for a person."""
     label = f"{reading.name} ({reading.point})" if reading.name else reading.point
     value = shown_value(reading.value) + (f" {reading.unit}" if reading.unit else "")
-    raw = reading.raw.hex(" ").upper()
-    return f"{label:<32} {value:>14}   {reading.type:<8} {raw:<12} {reading.ms:.1f} ms"
+    raw = reading.raw_text.upper()
+    if len(raw) > RAW_SHOWN:
+        raw = raw[: RAW_SHOWN - 3] + "..."
+    meaning = f"   {reading.meaning}" if reading.meaning else ""
+    return f"{label:<32} {value:>14}   {reading.type:<8} {raw:<{RAW_SHOWN}} {reading.ms:>5.1f} ms{meaning}"

@@ -8,6 +8,7 @@ import click
 
 from multidrop.cli.options import Common, common
 from multidrop.device import Report
+from multidrop.io.connection import acting
 
 
 @click.command(epilog="Example: multidrop status flexmax:0@/dev/ttyUSB0")
@@ -59,6 +60,24 @@ def raw(common: Common, device: str, body: tuple[str, ...]) -> None:
     common.confirm(f"Send {text} to {device}? It may move the machine.", needs_yes=False)
     with common.connect(target) as connection:
         _show(common, connection.name, connection.raw(text))
+
+
+@click.command(epilog="Example: multidrop action ultra3000:0@/dev/ttyUSB0 define_home")
+@click.argument("device")
+@click.argument("name", required=False)
+@common(force="go on without an audit log", writes=True)
+def action(common: Common, device: str, name: str | None) -> None:
+    """Let DEVICE do something at once, by NAME; without NAME, list what it can do."""
+    target = common.target(device)
+    worked_out = acting(target.device())
+    if name is None:
+        for known, meaning in worked_out.actions.items():
+            click.echo(f"{known:<20} {meaning}")
+        return
+    worked_out.prepare_action(name)
+    common.confirm(f"{name} of {device} may move or change the machine. Do it?", needs_yes=True)
+    with common.connect(target) as connection:
+        _show(common, connection.name, connection.act(name))
 
 
 def _show(common: Common, device: str, report: Report) -> None:

@@ -25,17 +25,24 @@ from multidrop.writing import Outcome, Written
 @click.argument("device")
 @click.argument("assignments", nargs=-1, required=True, metavar="POINT=VALUE...")
 @click.option("--no-verify", is_flag=True, help="do not read back: the device's OK is enough")
+@click.option("--nv", is_flag=True, help="write the non-volatile value too, where a device has one")
 @click.option("--keep-going", is_flag=True, help="go on after a write that was not confirmed")
 @common(force="write past limits, read-only marks and a missing audit log", writes=True)
 def write(
-    common: Common, device: str, assignments: tuple[str, ...], no_verify: bool, keep_going: bool
+    common: Common,
+    device: str,
+    assignments: tuple[str, ...],
+    no_verify: bool,
+    nv: bool,
+    keep_going: bool,
 ) -> int:
     """Write each POINT=VALUE of DEVICE in the order given, and read it back."""
     target = common.target(device)
     worked_out = target.device()
+    pairs = [parse_assignment(text) for text in assignments]
     writes = [
-        worked_out.prepare_write(*parse_assignment(text), force=common.force)
-        for text in assignments
+        worked_out.prepare_write(f"{point}@nv" if nv else point, value, force=common.force)
+        for point, value in pairs
     ]
     common.audit().check()
     _confirm_commands(common, device, writes)
@@ -86,7 +93,7 @@ def _write_all(
         if record.error is not None:
             status = max(status, exit_status(record.error))
             stopped = not keep_going or _broke_off(record.error)
-        click.echo(as_line(connection.name, record)) if as_json else _show(record)
+        click.echo(as_line(connection.name, record)) if as_json else show_record(record)
     return status
 
 
@@ -106,7 +113,7 @@ def as_line(device: str, record: Written) -> str:
         "old": shown(record.old, description),
         "asked": jsonable(record.asked),
         "found": shown(record.found, description),
-        "raw": record.found.raw.hex() if record.found else None,
+        "raw": record.point.raw_text(record.found.raw) if record.found else None,
         "outcome": record.outcome.value,
         "time": datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z"),
     }
@@ -117,7 +124,7 @@ def as_line(device: str, record: Written) -> str:
     return json_module.dumps(line, ensure_ascii=False)
 
 
-def _show(record: Written) -> None:
+def show_record(record: Written) -> None:
     unit = f" {record.point.unit}" if record.point.unit else ""
     if record.error is None and record.outcome is not Outcome.NOT_SENT:
         old = (

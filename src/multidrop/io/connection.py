@@ -12,8 +12,8 @@ from typing import Any, NoReturn, Self
 
 from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
-from multidrop.device import Device, ProtocolModule, Report, Write
-from multidrop.errors import DeviceError, Error, NotApplied, OutcomeUnknown, PortError
+from multidrop.device import Acts, Copy, Device, KeepsMemory, ProtocolModule, Report, Write
+from multidrop.errors import DeviceError, Error, NotApplied, OutcomeUnknown, PortError, UsageError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.audit import AuditLog
 from multidrop.io.line import Line, Timed
@@ -71,6 +71,20 @@ class _Service:
     outcome: Outcome
 
 
+def acting(device: Device) -> Acts:
+    """The device as one that has actions. Raises `UsageError`."""
+    if not isinstance(device, Acts):
+        raise UsageError(f"{device.profile.name} has no actions")
+    return device
+
+
+def keeping(device: Device) -> KeepsMemory:
+    """The device as one that keeps saved values. Raises `UsageError`."""
+    if not isinstance(device, KeepsMemory):
+        raise UsageError(f"{device.profile.name} keeps no saved values beside the working ones")
+    return device
+
+
 class _Connection:
     """What blocking and asyncio connections share: everything that does not touch the line."""
 
@@ -97,6 +111,8 @@ class _Connection:
                 fault=sample.fault,
                 time=received,
                 ms=round(timed.seconds * 1000, 3),
+                raw_text=point.raw_text(sample.raw),
+                meaning=point.description.meaning_of(sample.value) if point.description else None,
             )
             for point, sample in zip(group, timed.result, strict=True)
         ]
@@ -206,6 +222,20 @@ class Connection(_Connection):
     def raw(self, text: str) -> Report:
         """Send one command body, in hex, as is."""
         return self._serve(self._raw(text))
+
+    def act(self, name: str) -> Report:
+        """An action of the device by its name: homing, a reset. Sent once."""
+        return self._serve(
+            _Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
+        )
+
+    def copy(self, copy: Copy) -> list[Written]:
+        """Carry out a copy between working and saved value, once; what is known of each point."""
+        self.audit.check()
+        records = self.line.run(keeping(self.device).copy(copy))
+        for record in records:
+            self.audit.written(self.name, record)
+        return records
 
     def _serve(self, service: _Service) -> Report:
         self.audit.check()
