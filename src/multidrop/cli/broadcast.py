@@ -11,8 +11,9 @@ from multidrop.cli.failures import exit_status, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.trace import Trace
 from multidrop.cli.writing import as_line, parse_assignment
+from multidrop.conversation import Conversation
 from multidrop.device import Received
-from multidrop.errors import UsageError
+from multidrop.errors import OutcomeUnknown, PortError, UsageError
 from multidrop.io.connection import Target
 from multidrop.io.line import Line
 from multidrop.io.ports import open_port
@@ -47,16 +48,29 @@ def broadcast(
     common.confirm(
         f"Write {', '.join(assignments)} of every slave on {target.port}?", needs_yes=False
     )
-    found: list[Received] = []
-    try:
-        with _open(target, common) as wire:
-            found = wire.run(converse())
-    finally:
-        outcome = "confirmed" if found and all(slave.applied for slave in found) else "unknown"
-        audit.append(str(target.name), " ".join(assignments), outcome=outcome, slaves=addresses)
+    with _open(target, common) as wire:
+        outcome = "unknown"
+        try:
+            found = _broadcast(wire, converse())
+            outcome = "confirmed" if all(slave.applied for slave in found) else outcome
+        finally:
+            if wire.acted:
+                what = " ".join(assignments)
+                audit.append(str(target.name), what, outcome=outcome, slaves=addresses)
     for slave in found:
         _show(target, slave, common.json)
     return max((_status(slave) for slave in found), default=0)
+
+
+def _broadcast(wire: Line, conversation: Conversation[Any, list[Received]]) -> list[Received]:
+    """Carry it out; a line or a caller that is lost once it went out leaves the outcome open."""
+    try:
+        return wire.run(conversation)
+    except (KeyboardInterrupt, PortError) as why:
+        if not wire.acted:
+            raise
+        reason = str(why) or "interrupted"
+        raise OutcomeUnknown(f"the broadcast went out, then: {reason}", step=reason) from why
 
 
 def _addresses(text: str) -> list[int]:
