@@ -52,8 +52,6 @@ class _Numbers:
 
     def free_at(self, now: float) -> float:
         """When the next number may be used."""
-        if not self.resting:
-            return now
         self.resting = {number: at for number, at in self.resting.items() if at > now}
         return min(self.resting.values()) if len(self.resting) >= self.count else now
 

@@ -30,3 +30,7 @@ def test_values_for_a_message() -> None:
     assert shown_value(b"\xc8\x00") == "C8 00"
     assert shown_value(-1.5) == "-1.5"
     assert shown_value("text") == "text"
+
+
+def test_bytes_are_shown_in_hex() -> None:
+    assert Point("8236").raw_text(b"\x7d\x00") == "7d00"

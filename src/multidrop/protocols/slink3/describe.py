@@ -14,7 +14,10 @@ from multidrop.protocols.slink3.messages import (
     response_meaning,
     type_name,
 )
-from multidrop.protocols.slink3.values import Format, decode_value
+from multidrop.protocols.slink3.values import HAS_SUBINDEX, Format, decode_value
+
+_TYPES = frozenset(Format)
+"""Bits 5-6 of FORMAT are sent 0: with them a first byte is none, but INDEX of a standard parameter."""
 
 
 def describe(frame: Frame) -> str:
@@ -48,7 +51,7 @@ def _body(frame: Frame) -> str:
 def _answer(frame: Frame) -> str:
     """An answer does not say what it answers: its data are shown as a typed value if they can be one."""
     typed = TypedParameter.decode(frame.data)
-    if typed is not None and typed[1] and typed[0].type_code in Format._value2member_map_:
+    if typed is not None and typed[1] and frame.data[0] & ~HAS_SUBINDEX in _TYPES:
         parameter, value = typed
         text = _value(parameter.type_code, value)
         if not text.endswith("?"):
