@@ -155,12 +155,9 @@ class _Decoder(Decoder[Frame]):
         return events
 
     def silence(self) -> list[FrameReceived[Frame] | Damaged]:
+        skipped, self._behind_frame = self._behind_frame, False
         events = super().silence()
-        if events and events[-1].raw == b"\n":
-            before = type(events[-2]) is FrameReceived if len(events) > 1 else self._behind_frame
-            events = events[:-1] if before else events
-        self._behind_frame = False
-        return events
+        return [] if skipped and [event.raw for event in events] == [b"\n"] else events
 
 
 def decoder() -> Decoder[Frame]:

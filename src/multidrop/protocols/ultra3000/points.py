@@ -150,7 +150,7 @@ def _view(text: str | None, point: str) -> View:
     except ValueError:
         views = ", ".join(View)
         raise UsageError(
-            f"{point!r}: {text!r} is no view{nearest(text, list(View))}; views are {views}"
+            f"{point!r}: {text!r} is no view{nearest(text, [view.value for view in View])}; views are {views}"
         ) from None
 
 

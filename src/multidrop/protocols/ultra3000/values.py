@@ -164,7 +164,7 @@ def kind_of_answer(kinds: tuple[Kind, ...], data: str, indexed: int | None) -> t
 
 def parse_value(kind: Kind, text: str, *, scaled: bool) -> Value:
     """The value that a person typed, for this type. Numbers are decimal or `0x` hex. Raises `UsageError`."""
-    if kind.name == "string" or kind is HEX:
+    if kind.name == "string" or kind in (HEX, ACTION):
         return text
     text = text.strip()
     try:
