@@ -121,9 +121,10 @@ class Connection:
         fault = faults.faults.draw()
         if fault is Fault.NO_ANSWER:
             return
-        if fault is Fault.LATE_ANSWER:
-            at += faults.late
-        elif fault is Fault.WRONG_CHECKSUM:
+        if fault is Fault.LATE_ANSWER:  # the line is free until then
+            self._put_bytes(answer, max(at, self._line.free_at) + faults.late)
+            return
+        if fault is Fault.WRONG_CHECKSUM:
             answer = answer[:-1] + bytes([answer[-1] ^ 0x55])
         elif fault is Fault.CUT_SHORT:
             answer = answer[: len(answer) // 2]
@@ -134,10 +135,14 @@ class Connection:
         self._queue(answer, max(at, self._line.free_at))
 
     def _queue(self, data: bytes, start: float) -> None:
-        """Put bytes on the wire from `start` on."""
+        """Put bytes on the wire from `start` on; it is taken as long as they pass."""
         line = self._line
-        character, burst = line.pace.character, line.pace.burst
-        line.free_at = max(line.free_at, start + len(data) * character)
+        line.free_at = max(line.free_at, start + len(data) * line.pace.character)
+        self._put_bytes(data, start)
+
+    def _put_bytes(self, data: bytes, start: float) -> None:
+        """Each byte, or burst of them, with the time at which it has passed."""
+        character, burst = self._line.pace.character, self._line.pace.burst
         if not character:
             self._put(start, data)
             return
