@@ -89,33 +89,40 @@ class Parameters:
 
 
 class SimulatedSlave:
-    """A slave with parameters: an AX-V, a DGFC386, or anything else without a drive inside."""
+    """A slave with parameters: an AX-V, a DGFC386, or anything else without a drive inside.
+
+    `behind` is what destination ID 2 leads to: the card of a drive, the drive of a card.
+    """
 
     def __init__(
         self,
         address: int,
         dialect: Dialect,
         parameters: Parameters,
-        behind: Parameters | None = None,
+        behind: SimulatedSlave | None = None,
     ) -> None:
         self.slave = Slave(address, dialect, option=behind is not None)
         self.parameters = parameters
         self.behind = behind
+        self._next_address = address
 
     @property
     def address(self) -> int:
         return self.slave.address
 
-    @address.setter
-    def address(self, address: int) -> None:
-        self.slave.address = address
+    def move(self, address: Value, now: float = 0.0) -> None:
+        """Take another address, once the request at hand is answered from the old one."""
+        self._next_address = int(address)
 
     def receive(self, events: list[FrameReceived[Frame] | Damaged], now: float) -> list[bytes]:
         answers = []
         for request in self.slave.receive_events(events):
-            reply = request.settled or self._respond(request, now)
+            asked = self.behind if request.destination and self.behind else self
+            reply = request.settled or asked.respond(request, now)
             self.slave.fault = self.in_fault
+            self.slave.fault_behind = self.behind is not None and self.behind.in_fault
             answer = self.slave.answer(request, reply)
+            self.slave.address = self._next_address
             if answer:
                 answers.append(answer)
         return answers
@@ -131,13 +138,12 @@ class SimulatedSlave:
             return Frame((frame.address + 1) % 128, *frame[1:]).encode()
         return frame.numbered((frame.control >> 2) + 7).encode()
 
-    def _respond(self, request: Request, now: float) -> Reply:
+    def respond(self, request: Request, now: float) -> Reply:
+        """What this device says to a request that the protocol lets through."""
         if request.command == Command.SPECIAL_ACCESS:
             return Reply(Response.OK, request.value)
         if request.parameter is not None:
-            known = self.behind if request.destination else self.parameters
-            assert known is not None
-            return known.respond(request, now)
+            return self.parameters.respond(request, now)
         return self._service(request, now)
 
     def _service(self, request: Request, now: float) -> Reply:
@@ -145,10 +151,10 @@ class SimulatedSlave:
 
 
 class FlexMax(SimulatedSlave):
-    """A FlexMax with a drive inside; `behind` are the parameters of a DGFC386."""
+    """A FlexMax with a drive inside; `behind` is its DGFC386."""
 
     def __init__(
-        self, address: int, behind: Parameters | None = None, dialect: Dialect = FLEXMAX
+        self, address: int, behind: SimulatedSlave | None = None, dialect: Dialect = FLEXMAX
     ) -> None:
         super().__init__(address, dialect, self._drive_parameters(address), behind)
 
@@ -156,16 +162,13 @@ class FlexMax(SimulatedSlave):
         drive = self.drive = Drive()
         word = Format.UNSIGNED_SHORT_INT
 
-        def set_address(value: Value, now: float) -> None:
-            self.slave.address = int(value)
-
         def read_only(get: Callable[[float], Value], type_code: Format = word) -> Parameter:
             return Parameter(type_code, read_only=True, get=get)
 
         return Parameters(
             {
                 (8236, 0): Parameter(Format.SHORT_INT, 0),
-                (8511, 0): Parameter(word, address, 0, 127, set=set_address),
+                (8511, 0): Parameter(word, address, 0, 127, set=self.move),
                 (TRIP, 0): Parameter(word, set=lambda code, now: drive.trip(int(code), now)),
                 (CONTROL_WORD, 0): Parameter(
                     word,
@@ -211,14 +214,12 @@ def ax_v(address: int) -> SimulatedSlave:
     )
 
 
-def card_parameters(address: int) -> Parameters:
-    return Parameters({(511, 0): Parameter(Format.UNSIGNED_CHAR, address, 0, 127)})
-
-
-def dgfc386(address: int, drive_behind: bool = False) -> SimulatedSlave:
-    """A DGFC386 wired directly; its drive is then destination 2."""
-    behind = FlexMax(address).parameters if drive_behind else None
-    return SimulatedSlave(address, DGFC386, card_parameters(address), behind)
+def dgfc386(address: int, behind: SimulatedSlave | None = None) -> SimulatedSlave:
+    """A DGFC386 that is wired directly, or behind a drive; `behind` is the drive of a direct one."""
+    own = Parameter(Format.UNSIGNED_CHAR, address, 0, 127)
+    card = SimulatedSlave(address, DGFC386, Parameters({(511, 0): own}), behind)
+    own.set = card.move
+    return card
 
 
 def simulated(profile: str, address: int, behind: str | None) -> SimulatedSlave:
@@ -234,6 +235,6 @@ def simulated(profile: str, address: int, behind: str | None) -> SimulatedSlave:
     if profile == "ax-v":
         return ax_v(address)
     if profile == "dgfc386":
-        return dgfc386(address, behind is not None)
-    card = card_parameters(address) if behind else None
+        return dgfc386(address, FlexMax(address) if behind else None)
+    card = dgfc386(address) if behind else None
     return FlexMax(address, card, SLINK3 if profile == "slink3" else FLEXMAX)
