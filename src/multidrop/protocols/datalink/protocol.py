@@ -1,0 +1,53 @@
+"""Datalink as `PROTOCOLS` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from multidrop.conversation import Conversation
+from multidrop.decoder import Decoder
+from multidrop.device import Received
+from multidrop.errors import UsageError
+from multidrop.profile import Profile
+from multidrop.protocols import datalink
+from multidrop.protocols.datalink.describe import describe
+from multidrop.protocols.datalink.device import device, stuffing_of
+from multidrop.protocols.datalink.frame import Command, Frame, decoder
+from multidrop.timing import LineSettings
+
+
+class Datalink:
+    name = "datalink"
+    line: LineSettings = datalink.LINE
+    options: Mapping[str, str] = {
+        "stuffing": "on (default), or off where the instruments have byte stuffing switched off",
+        "settle": "s that an instrument is given to show a change (1)",
+    }
+
+    decoder = staticmethod(decoder)
+    device = staticmethod(device)
+    describe = staticmethod(describe)
+
+    @staticmethod
+    def line_for(options: Mapping[str, str]) -> LineSettings:
+        """The line's settings with these options of its own. Raises `UsageError`."""
+        return datalink.LINE if stuffing_of(options) else datalink.LINE_WITHOUT_STUFFING
+
+    @staticmethod
+    def from_master(frame: Frame) -> bool:
+        return frame.command is not Command.RESPONSE
+
+    @staticmethod
+    def prepare_broadcast(
+        profile: Profile,
+        points: Iterable[tuple[str, str]],
+        addresses: Iterable[int],
+        options: Mapping[str, str],
+        *,
+        force: bool = False,
+        keep_going: bool = False,
+    ) -> Callable[[], Conversation[Frame, list[Received]]]:
+        raise UsageError("Datalink has no broadcast: write each instrument by its address")
+
+
+__all__ = ["Datalink", "Decoder"]
