@@ -9,6 +9,8 @@ from multidrop.device import ProtocolModule
 
 _WHERE = {
     "slink3": ("multidrop.protocols.slink3.protocol", "Slink3"),
+    "datalink": ("multidrop.protocols.datalink.protocol", "Datalink"),
+    "ultra3000": ("multidrop.protocols.ultra3000.protocol", "Ultra3000"),
 }
 
 
