@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
@@ -22,7 +21,6 @@ DOCS = Path(__file__).resolve().parent
 PROFILES = Path("reference/profiles")
 COMMAND_LINE = Path("reference/command-line.md")
 SHARED = {"json", "trace", "profile", "config", "help"}  # options that most commands have
-HEADS = {"at": "point", "minimum": "minimum", "names": "values"}  # where a key is no word
 
 
 def pages() -> dict[Path, str]:
@@ -31,6 +29,8 @@ def pages() -> dict[Path, str]:
     written = {PROFILES / f"{profile.name}.md": _profile(profile) for profile in profiles}
     written[PROFILES / "index.md"] = _index(profiles)
     text = (DOCS / COMMAND_LINE).read_text(encoding="utf-8")
+    for name in set(COMMANDS) - set(re.findall(r"<!-- options: ([\w-]+) -->", text)):
+        raise SystemExit(f"docs/{COMMAND_LINE} says nothing of the command {name!r}")
     written[COMMAND_LINE] = re.sub(
         r"(<!-- options: ([\w-]+) -->\n).*?(<!-- end -->)", _options, text, flags=re.DOTALL
     )
@@ -97,34 +97,53 @@ def _profile(profile: Profile) -> str:
 
 def _points(profile: Profile) -> list[str]:
     points = list(profile.points.values())
-    known = fields(PointDescription)
-    used = [
-        item.name
-        for item in known
-        if any(getattr(point, item.name) != _default(item) for point in points)
-    ]
-    heads = [HEADS.get(name, name) for name in used]
-    rows = [[_cell(name, getattr(point, name)) for name in used] for point in points]
-    return _table(heads, rows)
+    columns = {
+        head: [cell(point) for point in points]
+        for head, cell in COLUMNS.items()
+        if any(cell(point) for point in points)
+    }
+    return _table(list(columns), list(zip(*columns.values(), strict=True)))
 
 
-def _default(item: object) -> object:
-    default, factory = getattr(item, "default", MISSING), getattr(item, "default_factory", MISSING)
-    return default if factory is MISSING else factory()
+def _type(point: PointDescription) -> str:
+    length = f"{point.length} characters" if point.length else ""
+    elements = f"{point.elements} elements" if point.elements else ""
+    return ", ".join(filter(None, (point.type, length, elements)))
 
 
-def _cell(name: str, value: object) -> str:
-    if value is None or value == "" or value == [] or value == {}:
-        return ""
-    if name in ("name", "at"):
-        return f"`{value}`"
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {word}" for key, word in value.items())
-    if isinstance(value, list):
-        return ", ".join(str(word) for word in value)
-    return str(value).strip()
+def _limits(point: PointDescription) -> str:
+    ends = [f"{end:.10g}" if end is not None else "" for end in (point.minimum, point.maximum)]
+    step = f"multiples of {point.step:.10g}" if point.step else ""
+    excluded = f"not {', '.join(f'{value:.10g}' for value in point.excluded)}"
+    limits = "..".join(ends) if any(ends) else ""
+    return ", ".join(filter(None, (limits, step, excluded if point.excluded else "")))
+
+
+def _values(point: PointDescription) -> str:
+    bits = [f"bit {bit} {name}" for bit, name in enumerate(point.bits) if name]
+    return ", ".join([*(f"{raw} {name}" for raw, name in point.names.items()), *bits])
+
+
+def _meaning_of(point: PointDescription) -> str:
+    derived = "follows by a rule from other points" if point.derived else ""
+    return "; ".join(filter(None, (point.meaning, point.note, derived)))
+
+
+COLUMNS: dict[str, Callable[[PointDescription], str]] = {
+    "name": lambda point: f"`{point.name}`",
+    "point": lambda point: f"`{point.at}`",
+    "type": _type,
+    "role": lambda point: point.role.value,
+    "access": lambda point: point.access,
+    "limits": _limits,
+    "default": lambda point: "" if point.default is None else str(point.default),
+    "unit": lambda point: point.unit or "",
+    "scale": lambda point: "" if point.scale == 1 else f"{point.scale:.10g}",
+    "meaning": _meaning_of,
+    "values": _values,
+    "source": lambda point: point.source,
+}
+"""What a profile page shows of a point; a column that is empty for all of them is left away."""
 
 
 # -- options ---------------------------------------------------------------------------------
