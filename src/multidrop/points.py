@@ -14,8 +14,10 @@ Value = bool | int | float | str | bytes
 
 
 def shown_value(value: Value) -> str:
-    """A value for a message or a table: bytes in hex, the rest as Python writes it."""
-    return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
+    """A value for a message or a table: bytes in hex, seven digits of a float, the rest as it is."""
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
 class Role(StrEnum):

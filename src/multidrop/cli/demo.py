@@ -1,4 +1,4 @@
-"""`multidrop demo`: a simulated plant, read over a real TCP line, live in the terminal."""
+"""`multidrop demo`: a simulated plant, read over real TCP lines, live in the terminal."""
 
 from __future__ import annotations
 
@@ -14,33 +14,41 @@ from shutil import which
 import click
 
 from multidrop.cli.live import LiveTable, Row
+from multidrop.cli.reading import in_order
 from multidrop.errors import Error, PortError
 from multidrop.io.connection import Connection, Target, connect
+from multidrop.io.line import Line
+from multidrop.io.ports import tcp_address
 from multidrop.naming import DeviceName
-from multidrop.sim.plant import DEVICES, DemoPlant
+from multidrop.sim.plant import SHOWN, DemoPlant, Shown
 from multidrop.sim.serve import serve
 
 PORT_NUMBER = 4001
+"""Of the first line; the others follow."""
 
 
 @click.command(epilog="Example: multidrop demo, and in another terminal what it prints")
-@click.option("--listen", metavar="tcp://HOST:PORT", help="where the plant's line listens")
+@click.option("--listen", metavar="tcp://HOST:PORT", help="where the plant's first line listens")
 @click.option("--seconds", type=click.FloatRange(0.0), metavar="S", help="end after so long")
 def demo(listen: str | None, seconds: float | None) -> None:
     """Start a simulated plant and show it live, until Ctrl-C.
 
-    Three FlexMax drives and an AX-V share one simulated 9600-baud line. One of
-    the drives trips now and then.
+    Three FlexMax drives and an AX-V share one line, a 53MC5000 controls a vessel
+    on the second, an Ultra3000 moves an axis on the third. One of the drives
+    trips now and then.
     """
     with contextlib.ExitStack() as stack:
-        port = _start(stack, listen)
-        click.echo(f"listening on {port}")
+        ports = _start(stack, listen)
+        for port in ports.values():
+            click.echo(f"listening on {port}")
         click.echo("in another terminal:")
         command = _own_name()
-        click.echo(f"  {command} status flexmax:3@{port}")
-        click.echo(f"  {command} read flexmax:0@{port} actual_speed 8236 dgfc/511")
-        click.echo(f"  {command} write ax-v:2@{port} 1111=200")
-        _show(port, seconds)
+        click.echo(f"  {command} status flexmax:3@{ports['press']}")
+        click.echo(f"  {command} read flexmax:0@{ports['press']} actual_speed 8236 dgfc/511")
+        click.echo(f"  {command} write ax-v:2@{ports['press']} 1111=200")
+        click.echo(f"  {command} watch 53mc5000:0@{ports['vessel']} C100..C102")
+        click.echo(f"  {command} write ultra3000:0@{ports['axis']} kp=5")
+        _show(ports, seconds)
 
 
 def _own_name() -> str:
@@ -49,8 +57,8 @@ def _own_name() -> str:
     return str(called) if called.stem == "multidrop" and not which("multidrop") else "multidrop"
 
 
-def _start(stack: contextlib.ExitStack, listen: str | None) -> str:
-    """Start the plant where it was asked for; else on the usual port, or on any if that is taken."""
+def _start(stack: contextlib.ExitStack, listen: str | None) -> dict[str, str]:
+    """Start the plant where it was asked for; else on the usual ports, or on any if those are taken."""
     if listen is not None:
         return stack.enter_context(_plant(listen))
     try:
@@ -59,10 +67,19 @@ def _start(stack: contextlib.ExitStack, listen: str | None) -> str:
         return stack.enter_context(_plant("tcp://127.0.0.1:0"))
 
 
+def _addresses(first: str, count: int) -> list[str]:
+    """Where each line listens: the ports from the first on, or any."""
+    host, number = tcp_address(first)
+    shown = f"[{host}]" if ":" in host else host
+    return [f"tcp://{shown}:{number + place if number else 0}" for place in range(count)]
+
+
 @contextlib.contextmanager
-def _plant(listen: str) -> Iterator[str]:
-    """The plant in a thread of its own; yields the port where it listens."""
-    ready: list[str] = []
+def _plant(listen: str) -> Iterator[dict[str, str]]:
+    """The plant in a thread of its own; yields where each of its lines listens."""
+    plant = DemoPlant()
+    addresses = _addresses(listen, len(plant.lines))
+    ready: dict[str, str] = {}
     failed: list[Error] = []
     started = threading.Event()
     loop = asyncio.new_event_loop()
@@ -70,19 +87,18 @@ def _plant(listen: str) -> Iterator[str]:
 
     async def operate() -> None:
         plant_task.append(asyncio.current_task())  # type: ignore[arg-type]
-        plant = DemoPlant()
-        try:
-            listener = await serve(plant.line, listen)
-        except Error as error:
-            failed.append(error)
-            started.set()
-            return
-        ready.append(listener.port)
-        started.set()
-        try:
+        async with contextlib.AsyncExitStack() as listeners:
+            try:
+                for (name, line), address in zip(plant.lines.items(), addresses, strict=True):
+                    listener = await serve(line, address)
+                    listeners.callback(listener.close)
+                    ready[name] = listener.port
+            except Error as error:
+                failed.append(error)
+                return
+            finally:
+                started.set()
             await plant.run()
-        finally:
-            listener.close()
 
     def work() -> None:
         with contextlib.suppress(asyncio.CancelledError):
@@ -96,7 +112,7 @@ def _plant(listen: str) -> Iterator[str]:
         thread.join()
         raise failed[0]
     try:
-        yield ready[0]
+        yield ready
     finally:
         loop.call_soon_threadsafe(plant_task[0].cancel)
         thread.join(2.0)
@@ -105,20 +121,18 @@ def _plant(listen: str) -> Iterator[str]:
 class _Watched:
     """One device of the plant on the screen: its points and its state."""
 
-    def __init__(self, name: str, connection: Connection, points: tuple[str, ...]) -> None:
+    def __init__(self, shown: Shown, connection: Connection) -> None:
         self.connection = connection
-        self.points = [connection.device.point(text) for text in points]
-        self.rows = [Row(f"{name} {point.name}", point.unit or "") for point in self.points]
+        self.points = [connection.device.point(text) for text in shown.points]
+        self.rows = [Row(f"{shown.name} {point.name}", point.unit or "") for point in self.points]
 
     def poll(self, table: LiveTable) -> None:
-        for point, row in zip(self.points, self.rows, strict=True):
-            try:
-                reading = self.connection.read(point)
-            except Error as error:
-                changed = row.fail(str(error))
+        for row, (_, found) in zip(self.rows, in_order(self.connection, self.points), strict=True):
+            if isinstance(found, Error):
+                changed = row.fail(str(found))
             else:
-                note = self._state() if reading.fault else ""
-                changed = row.show(reading.value, note, bad=bool(reading.fault))
+                note = self._state() if found.fault else ""
+                changed = row.show(found.value, note, bad=bool(found.fault))
             if changed:
                 table.changed(row)
 
@@ -128,25 +142,25 @@ class _Watched:
         return f"{fields['state']}, code {fields['malfunction_code']:04X}h"
 
 
-def _show(port: str, seconds: float | None) -> None:
+def _show(ports: dict[str, str], seconds: float | None) -> None:
     until = time.monotonic() + seconds if seconds is not None else float("inf")
-    watched: list[_Watched] = []
-    line = None
-    for name, where in DEVICES.items():
-        profile, _, address = where.partition(":")
-        target = Target(DeviceName(profile, int(address), port, {}))
-        if line is None:
-            connection = connect(target)
-            line = connection.line
-        else:  # many devices, one line
-            connection = Connection(target, target.device(), line)
-        points = ("ipa_1009",) if profile == "ax-v" else ("speed_setpoint", "actual_speed")
-        watched.append(_Watched(name, connection, points))
-    assert line is not None
-    rows = [row for device in watched for row in device.rows]
-    with line, LiveTable("a simulated press line, 9600 baud", rows) as table:
+    lines: dict[str, Line] = {}
+    with contextlib.ExitStack() as opened:
+        watched = [_watched(shown, ports[shown.line], lines, opened) for shown in SHOWN]
+        rows = [row for device in watched for row in device.rows]
+        table = opened.enter_context(LiveTable("a simulated plant on three lines", rows))
         while time.monotonic() < until:
             for device in watched:
                 device.poll(table)
             table.refresh()
-            time.sleep(0.2)
+            time.sleep(0.1)
+
+
+def _watched(
+    shown: Shown, port: str, lines: dict[str, Line], opened: contextlib.ExitStack
+) -> _Watched:
+    """A device on its line, which the first of its devices opens."""
+    target = Target(DeviceName(shown.profile, shown.address, port, {}))
+    if shown.line not in lines:
+        lines[shown.line] = opened.enter_context(connect(target)).line
+    return _Watched(shown, Connection(target, target.device(), lines[shown.line]))

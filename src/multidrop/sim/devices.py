@@ -10,7 +10,11 @@ from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.sim.line import SimulatedDevice
 
-_MODULES = {"slink3": "multidrop.sim.slink3"}  # protocol -> module with `simulated`
+_MODULES = {  # protocol -> module with `simulated`
+    "slink3": "multidrop.sim.slink3",
+    "datalink": "multidrop.sim.datalink",
+    "ultra3000": "multidrop.sim.ultra3000",
+}
 
 
 def simulated_device(profile: str, address: int, behind: str | None = None) -> SimulatedDevice:

@@ -17,7 +17,8 @@ FOREVER = float("inf")
 class SimulatedDevice(Protocol):
     """One slave of a simulated line."""
 
-    address: int
+    @property
+    def address(self) -> int: ...
 
     def receive(self, events: list[FrameReceived[Any] | Damaged], now: float) -> list[bytes]:
         """The answers to what the line's decoder found, ready to send."""
