@@ -114,8 +114,8 @@ def _facts(item: PointDescription) -> dict[str, Any]:
 def _limits(item: PointDescription) -> str:
     if item.minimum is None and item.maximum is None:
         return ""
-    low = "" if item.minimum is None else f"{item.minimum:g}"
-    high = "" if item.maximum is None else f"{item.maximum:g}"
+    low = "" if item.minimum is None else f"{item.minimum:.10g}"
+    high = "" if item.maximum is None else f"{item.maximum:.10g}"
     return f"{low}..{high}"
 
 
