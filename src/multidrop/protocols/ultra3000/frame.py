@@ -144,9 +144,17 @@ def _why_not(buffer: bytes, at: int) -> str | None:
 
 
 class _Decoder(Decoder[Frame]):
-    """A line feed behind a frame is no damage, also where no frame follows it."""
+    """A line feed behind a frame is skipped: it is no damage, and nobody waits for more of it."""
 
     _behind_frame = False
+
+    @property
+    def pending(self) -> bool:
+        return super().pending and not self._skips
+
+    @property
+    def _skips(self) -> bool:
+        return self._behind_frame and self._buffer == b"\n"
 
     def receive_data(self, data: bytes) -> list[FrameReceived[Frame] | Damaged]:
         events = super().receive_data(data)
@@ -155,9 +163,9 @@ class _Decoder(Decoder[Frame]):
         return events
 
     def silence(self) -> list[FrameReceived[Frame] | Damaged]:
-        skipped, self._behind_frame = self._behind_frame, False
+        skips, self._behind_frame = self._skips, False
         events = super().silence()
-        return [] if skipped and [event.raw for event in events] == [b"\n"] else events
+        return [] if skips else events
 
 
 def decoder() -> Decoder[Frame]:

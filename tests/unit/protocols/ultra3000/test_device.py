@@ -211,8 +211,8 @@ def test_a_refusal_comes_with_the_drives_own_limits() -> None:
     assert str(record.error) == (
         "refused with code 0005h: above the maximum; the drive allows 0..8"
     )
-    wire = Wire({"06C0": "0000", "06C17FFF": "!05", "06C8": "FF80", "06C9": "0080"})
-    assert str(write(wire, "setpoint_current", 255.9921875).error).endswith("allows -1.0..1.0 A")
+    wire = Wire({"06C0": "0000", "06C17FFF": "!05", "06C8": "FF40", "06C9": "00C0"})
+    assert str(write(wire, "setpoint_current", 255.9921875).error).endswith("allows -1.5..1.5 A")
     wire = Wire({"1230": "0000", "12317FFF": "!05", "1238": "0001", "1239": "0002"})
     assert str(write(wire, "0x123", "0x7FFF").error).endswith("allows 0x0001..0x0002")
     wire = Wire({"05B007": "00000000", "05B10700000001": "!07", "05BA": "00", "05BB": "03"})

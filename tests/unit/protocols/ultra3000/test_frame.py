@@ -110,6 +110,7 @@ def test_a_line_feed_between_frames_is_skipped() -> None:
 def test_a_line_feed_behind_the_last_frame_is_skipped() -> None:
     found = decoder()
     assert len(found.receive_data(READ.encode() + b"\n")) == 1
+    assert not found.pending  # so no master waits for what may follow it
     assert found.silence() == []
     assert not found.pending
     assert len(found.receive_data(READ.encode())) == 1
@@ -118,6 +119,7 @@ def test_a_line_feed_behind_the_last_frame_is_skipped() -> None:
 def test_a_line_feed_behind_no_frame_is_damage() -> None:
     found = decoder()
     assert found.receive_data(b"\n") == []
+    assert found.pending
     assert found.silence() == [Damaged(b"\n", "cut short")]
     found.receive_data(READ.encode())
     assert found.silence() == []

@@ -181,9 +181,9 @@ def test_load() -> None:
 
 
 def test_an_array_is_saved_as_a_whole() -> None:
-    answers: dict[str, Any] = {f"05C00{n}": "0080" for n in range(8)}
-    answers |= {f"05C20{n}": ["0000", "0080"] for n in range(8)}
-    answers["05C203"] = "0000"
+    answers: dict[str, Any] = {f"05C00{n}": "00C0" for n in range(8)}
+    answers |= {f"05C20{n}": ["0040", "00C0"] for n in range(8)}
+    answers["05C203"] = "0040"
     wire = Wire({**answers, "05C5": ""})
     records = copied(wire, "preset_current", save=True)
     assert [record.outcome is Outcome.CONFIRMED for record in records] == [
@@ -192,7 +192,7 @@ def test_an_array_is_saved_as_a_whole() -> None:
     assert wire.sent.count("05C5") == 1
     assert isinstance(records[3].error, NotApplied)
     assert str(records[3].error) == (
-        "preset_current (0x05C.3@nv): 1.0 was copied, 0.0 is read back"
+        "preset_current (0x05C.3@nv): 1.5 was copied, 0.5 is read back"
     )
 
 
@@ -292,10 +292,10 @@ def test_a_broadcast_is_told_and_read_back() -> None:
 
 
 def test_a_broadcast_that_one_drive_did_not_take() -> None:
-    (found,) = broadcast(Wire({"0110": "0200"}), ("kp", "5"))
+    (found,) = broadcast(Wire({"0110": "0240"}), ("kp", "5.5"))
     assert found.applied is False
     assert str(found.written[0].error) == (
-        "drive 0, kp (0x011): 5.0 was broadcast, 4.0 is read back"
+        "drive 0, kp (0x011): 5.5 was broadcast, 4.5 is read back"
     )
 
 
