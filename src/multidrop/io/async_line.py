@@ -27,8 +27,15 @@ from multidrop.timing import LineSettings
 ResultT = TypeVar("ResultT")
 
 
-class AsyncLine(asyncio.Protocol):
-    """One wire with one master. Any number of tasks may `run`; each gets its turn."""
+BUFFER = 4096
+"""Bytes of a read: without a buffer of its own a line costs asyncio 256 KiB for every read."""
+
+
+class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
+    """One wire with one master. Any number of tasks may `run`; each gets its turn.
+
+    Sockets fill its buffer, serial transports bring their own bytes.
+    """
 
     def __init__(
         self,
@@ -45,13 +52,15 @@ class AsyncLine(asyncio.Protocol):
         self.marks: ParityMarks | None = None
         self._session = new_session(settings, options or LineOptions(), network=network)
         self._loop = asyncio.get_running_loop()
+        self._now = self._loop.time
+        self._buffer = bytearray(BUFFER)
         self._turn = asyncio.Lock()
         self._transport: asyncio.WriteTransport | None = None
         self._gone = asyncio.Event()
         self._lost: PortError | None = None
         self._exchange: Exchange[Any, Any] | None = None
         self._finished: asyncio.Future[None] | None = None
-        self._timer: asyncio.TimerHandle | None = None
+        self._timers: list[asyncio.TimerHandle] = []  # the earliest last
 
     @property
     def counters(self) -> Counters:
@@ -59,10 +68,17 @@ class AsyncLine(asyncio.Protocol):
 
     async def run(self, conversation: Conversation[Any, ResultT]) -> ResultT:
         """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`."""
-        return (await self.timed(conversation)).result
+        return (await self._carry_out(conversation)).result()
 
     async def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
         """The same with the time of the last answer."""
+        exchange = await self._carry_out(conversation)
+        result = exchange.result()
+        received_at = exchange.received_at if exchange.received_at is not None else self._now()
+        return Timed(result, received_at, received_at - exchange.asked_at)
+
+    async def _carry_out(self, conversation: Conversation[Any, ResultT]) -> Exchange[Any, ResultT]:
+        """The exchange when it is done, in its turn."""
         acted = False
         try:
             async with self._turn:
@@ -70,25 +86,21 @@ class AsyncLine(asyncio.Protocol):
                     raise self._lost
                 exchange = Exchange(conversation, self._session)
                 try:
-                    await self._carry_out(exchange)
+                    await self._exchanged(exchange)
                 finally:
                     acted = exchange.acted
         finally:
             self.acted = acted
-        result = exchange.result()
-        received_at = (
-            exchange.received_at if exchange.received_at is not None else self._loop.time()
-        )
-        return Timed(result, received_at, received_at - exchange.asked_at)
+        return exchange
 
-    async def _carry_out(self, exchange: Exchange[Any, Any]) -> None:
+    async def _exchanged(self, exchange: Exchange[Any, Any]) -> None:
         self._exchange = exchange
         self._finished = self._loop.create_future()
         try:
-            self._send(exchange.start(self._loop.time()))
+            self._send(exchange, exchange.start(self._now()))
             await self._finished
         except BaseException:
-            exchange.abandon(self._loop.time())
+            exchange.abandon(self._now())
             raise
         finally:
             self._exchange = None
@@ -98,9 +110,15 @@ class AsyncLine(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = transport  # type: ignore[assignment]
 
+    def get_buffer(self, sizehint: int) -> bytearray:
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self.data_received(bytes(self._buffer[:nbytes]))
+
     def data_received(self, data: bytes) -> None:
-        now = self._loop.time()
-        pieces = [(data, False)] if self.marks is None else self.marks.split(data)
+        now = self._now()
+        pieces = ((data, False),) if self.marks is None else self.marks.split(data)
         for piece, damaged in pieces:
             for tap in self.taps:
                 tap(piece, False, now, damaged)
@@ -108,7 +126,7 @@ class AsyncLine(asyncio.Protocol):
             if exchange is None or exchange.done:
                 self._session.drain(piece, now, damaged=damaged)
             else:
-                self._send(exchange.advance(piece, now, damaged=damaged))
+                self._send(exchange, exchange.advance(piece, now, damaged=damaged))
 
     def connection_lost(self, error: Exception | None) -> None:
         self._gone.set()
@@ -123,11 +141,9 @@ class AsyncLine(asyncio.Protocol):
 
     # -- sending and waiting -----------------------------------------------------------------
 
-    def _send(self, to_send: bytes) -> None:
-        exchange = self._exchange
-        assert exchange is not None
-        assert self._transport is not None
+    def _send(self, exchange: Exchange[Any, Any], to_send: bytes) -> None:
         if to_send:
+            assert self._transport is not None
             try:
                 self._transport.write(to_send)
             except Exception as error:  # serialx raises what the platform raised
@@ -141,28 +157,20 @@ class AsyncLine(asyncio.Protocol):
             self._finished.set_result(None)
 
     def _arm(self, deadline: float) -> None:
-        """One timer for all deadlines: a later deadline is found when the earlier timer fires."""
-        if self._timer is not None:
-            if self._timer.when() <= deadline:
-                return
-            self._timer.cancel()
-        self._timer = self._loop.call_at(deadline, self._time_passed)
+        """Wake at the deadline or before it: a timer that is set already is left to fire too early."""
+        if not self._timers or deadline < self._timers[-1].when():
+            self._timers.append(self._loop.call_at(deadline, self._time_passed))
 
     def _time_passed(self) -> None:
-        self._timer = None
+        self._timers.pop()
         exchange = self._exchange
-        if exchange is None or exchange.done:
-            return
-        now = self._loop.time()
-        if now >= exchange.deadline:
-            self._send(exchange.advance(b"", now))
-        else:
-            self._arm(exchange.deadline)
+        if exchange is not None and not exchange.done:
+            self._send(exchange, exchange.advance(b"", self._now()))
 
     async def close(self) -> None:
         """Close the port and wait until it is free; whoever waits for an answer gets `PortError`."""
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in self._timers:
+            timer.cancel()
         if self._lost is None:
             self._lost = PortError(f"{self.name} was closed")
         if self._transport is not None:
