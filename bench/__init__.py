@@ -1,0 +1,1 @@
+"""Measurements against real peers. `make bench`, or `python bench/run.py [ROW...] [--quick]`."""

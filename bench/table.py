@@ -1,0 +1,104 @@
+"""The table: which rows there are, on which machine, and what became of the goals."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from bench.codec import decoding, encoding
+from bench.many_lines import many_lines
+from bench.measure import ROOT, Result
+from bench.memory import memory
+from bench.paced import paced
+from bench.startup import startup
+from bench.transactions import transactions
+
+ROWS: dict[str, Callable[[bool], list[Result]]] = {
+    "decoding": decoding,
+    "encoding": encoding,
+    "transactions": transactions,
+    "paced": paced,
+    "lines": many_lines,
+    "startup": startup,
+    "memory": memory,
+}
+README = ROOT / "bench" / "README.md"
+BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="bench", description="Measures multidrop against its peers."
+    )
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"which rows: {' '.join(ROWS)}")
+    parser.add_argument("--quick", action="store_true", help="fewer and shorter rounds")
+    parser.add_argument("--write", action="store_true", help="keep the table in bench/README.md")
+    chosen = parser.parse_args()
+    for row in chosen.rows:
+        if row not in ROWS:
+            parser.error(f"there is no row {row!r}; rows are {' '.join(ROWS)}")
+    results: list[Result] = []
+    for row in chosen.rows or ROWS:
+        print(f"measuring {row} ...", flush=True)
+        results += ROWS[row](chosen.quick)
+    text = f"{machine()}\n\n{table(results)}\n\n{beside(results)}\n"
+    print(f"\n{text}", end="")
+    if chosen.write:
+        head, _, rest = README.read_text().partition(BEGIN)
+        README.write_text(f"{head}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}")
+    return 0
+
+
+def table(results: list[Result]) -> str:
+    """Markdown that also reads well in a terminal."""
+    heads = ("work", "against", "goal", "measured", "")
+    rows = [heads] + [
+        (result.work, result.against, result.goal, result.measured, _verdict(result))
+        for result in results
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
+    lines = [
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
+        for row in rows
+    ]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join(lines)
+
+
+def _verdict(result: Result) -> str:
+    return "met" if result.met else "NOT MET"
+
+
+def beside(results: list[Result]) -> str:
+    """What was measured with it and has no goal."""
+    lines = []
+    for result in results:
+        lines.append(f"- {result.work}")
+        lines += [f"  - {text}" for text in result.beside]
+    return "\n".join(lines)
+
+
+def machine() -> str:
+    """Where and when, in one line."""
+    libraries = ", ".join(
+        f"{name} {version(name)}" for name in ("multidrop", "pymodbus", "click", "serialx")
+    )
+    return (
+        f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; "
+        f"{platform.python_implementation()} {platform.python_version()}; {libraries}; "
+        f"{datetime.now(UTC):%Y-%m-%d}."
+    )
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
