@@ -14,7 +14,7 @@ from multidrop.protocols.datalink import Command
 from multidrop.protocols.datalink.device import DatalinkDevice, device
 from multidrop.writing import Outcome, Written
 
-OLD, NEW, OTHER = "64 00 07", "4B 40 08", "40 00 01"
+OLD, NEW, OTHER = "64 40 07", "4B 40 08", "50 00 01"
 
 
 def written(
@@ -40,7 +40,7 @@ def test_confirmed() -> None:
     assert record.error is None
     assert record.old is not None
     assert record.found is not None
-    assert (record.old.value, record.asked, record.found.value) == (100.0, 150.5, 150.5)
+    assert (record.old.value, record.asked, record.found.value) == (100.25, 150.5, 150.5)
     assert record.found.raw == bytes.fromhex(NEW)
     assert sum(isinstance(step, Tell) for step in steps) == 1
 
@@ -67,9 +67,9 @@ def test_not_applied() -> None:
     _, record = written(memory(OLD), ECHO, memory(OLD))
     assert record.outcome is Outcome.NOT_APPLIED
     assert isinstance(record.error, NotApplied)
-    assert record.error.found == 100.0
+    assert record.error.found == 100.25
     assert "C106: the change to 150.5 was acknowledged" in str(record.error)
-    assert "after 0 s the old value 100.0 is still read back" in str(record.error)
+    assert "after 0 s the old value 100.25 is still read back" in str(record.error)
 
 
 def test_the_same_value_again_is_confirmed() -> None:
@@ -82,7 +82,7 @@ def test_neither_the_old_nor_the_new_value_is_unknown() -> None:
     assert record.outcome is Outcome.UNKNOWN
     assert isinstance(record.error, OutcomeUnknown)
     assert str(record.error) == (
-        "C106: 150.5 was written, 1.0 is read back, and 100.0 was there before"
+        "C106: 150.5 was written, 1.25 is read back, and 100.25 was there before"
     )
     assert record.error.step == "the read-back"
     assert record.found is not None
@@ -102,7 +102,7 @@ def test_a_wrong_echo_is_never_acknowledged() -> None:
     assert record.outcome is Outcome.NOT_APPLIED
     assert isinstance(record.error, ProtocolError)
     assert record.found is not None
-    assert record.found.value == 100.0
+    assert record.found.value == 100.25
     assert not any(isinstance(step, Tell) for step in steps)
 
 
