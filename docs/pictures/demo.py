@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.text import Text
 
 SECONDS = 42  # one of the drives has tripped by then
-COLUMNS, LINES = 116, 24
+COLUMNS, LINES = 116, 40
 SCREEN_AGAIN = re.compile(r"(?:\x1b\[1A|\x1b\[2K|\r)+")  # where the table is drawn anew
 FONT_FROM_NETWORK = re.compile(r"\s*@font-face \{.*?\}\n", re.DOTALL)
 
@@ -48,7 +48,7 @@ def terminal_output() -> str:
 def last_screen(output: str) -> str:
     """What stands before the live table, and the table as it was drawn last."""
     head, *tables = re.split(SCREEN_AGAIN, output.replace("\r\n", "\n"))
-    before = head[: head.index("a simulated press line")].rsplit("\n", 1)[0]
+    before = head[: head.index("a simulated plant")].rsplit("\n", 1)[0]
     last = [table for table in tables if "winder actual_speed" in table][-1]
     return f"{before}\n{last}".rstrip()
 
