@@ -246,7 +246,7 @@ class Exchange(Generic[FrameT, ResultT]):
         self._attempt += 1
         self._clean = True
         self._sent = session.last_sent = step.frame.numbered(self._numbers.take())
-        self._echo_due = session.echo is not False
+        self._echo_due = session.echo is not False or type(step) is Learn
         raw = self._sent.encode()
         session.counters.requests += 1
         self.acted = self.acted or not step.repeatable

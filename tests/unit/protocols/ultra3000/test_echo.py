@@ -95,6 +95,16 @@ def test_a_line_that_is_said_to_have_no_echo_has_one_and_no_drive(
         wire.run(act())
 
 
+@each_action
+def test_what_is_heard_counts_more_than_what_was_said_of_the_line(
+    body: str, act: Callable[[], Conversation[Frame, Any]]
+) -> None:
+    wire = Wire(SILENT_AFTERWARDS, echo=False, hears_itself=True, keeps_time=None)
+    with pytest.raises(OutcomeUnknown, match="was sent and was not answered"):
+        wire.run(act())
+    assert wire.session.echo is True
+
+
 def test_a_copy_that_came_before_the_request_can_have_left_is_no_answer() -> None:
     session: Session[Frame] = Session(LINE.decoder(), LINE.timing(network=False), echo=False)
     session.keeps_time = True
