@@ -128,20 +128,18 @@ def nobody_above_knows_a_protocol_by_name(module: str, source: str) -> list[str]
     """Only a protocol itself and its simulation compare with its name or import it."""
     if room(module) in ("protocols", "sim", "profiles"):
         return []
-    wrong = []
+    compared: list[ast.expr] = []
     for node in ast.walk(ast.parse(source)):
-        compared: list[ast.expr] = []
         if isinstance(node, ast.Compare):
-            compared = [node.left, *node.comparators]
+            compared += [node.left, *node.comparators]
         elif isinstance(node, ast.MatchValue):
-            compared = [node.value]
-        names = {
-            item.value
-            for expression in compared
-            for item in ast.walk(expression)
-            if isinstance(item, ast.Constant)
-        }
-        wrong += [f"{module}:{node.lineno} asks for {name!r}" for name in names & set(PROTOCOLS)]
+            compared.append(node.value)
+    wrong = [
+        f"{module}:{item.lineno} asks for {item.value!r}"
+        for expression in compared
+        for item in ast.walk(expression)
+        if isinstance(item, ast.Constant) and item.value in set(PROTOCOLS)
+    ]
     return wrong + [
         f"{module}:{line} imports {name}"
         for line, name in imports(module, source)
