@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from multidrop.checksums import sum8
 from multidrop.conversation import Conversation
 from multidrop.device import Report, Write
 from multidrop.errors import NoReply, ProtocolError, UsageError
@@ -15,10 +14,8 @@ from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
     MOST_DATA,
-    SOH,
     Command,
     Frame,
-    UnstuffedFrame,
 )
 from multidrop.protocols.datalink.master import SETTLE, Master
 from multidrop.protocols.datalink.memory import (
@@ -206,7 +203,7 @@ def _physical(point: DataPoint, value: Value | str) -> Value:
     description = point.description
     named = description.raw_of_name(value) if description is not None else None
     if named is not None:
-        return named
+        return bool(named) if point.letter == "L" else named
     if description is not None and description.scale != 1.0:
         return parse_value("C", value)
     return parse_value(point.letter, value)
@@ -220,17 +217,17 @@ def _raw_message(text: str, address: int) -> Frame:
         raise UsageError(
             f"{text!r} is not hex bytes: CMD, NUM, LO ADD, HI ADD, data, as in 'E0 09 00 10'"
         ) from None
-    if body and body[0] & MOST_ADDRESS in (0, address):
-        body = bytes((body[0] | address,)) + body[1:]
-    frame = UnstuffedFrame.decode(bytes((SOH, *body, sum8(body))))
-    if frame.address != address:
-        raise UsageError(f"{text!r} is for address {frame.address}, not {address}")
-    if frame.command in (Command.RESPONSE, Command.ACKNOWLEDGE):
+    command, named = (body[0] & ~MOST_ADDRESS, body[0] & MOST_ADDRESS) if body else (0, 0)
+    if command in (Command.RESPONSE, Command.ACKNOWLEDGE):
         raise UsageError(
-            f"{text!r}: a host cannot send a Response, and an Acknowledge belongs to a write;"
+            f"{text!r}: a host sends no Response, and an Acknowledge belongs to its write;"
             " E0, A0 and C0 can be sent"
         )
-    return frame
+    if len(body) < 4:
+        raise UsageError(f"{text!r} is too short: CMD, NUM, LO ADD, HI ADD at least")
+    if named not in (0, address):
+        raise UsageError(f"{text!r} is for address {named}, not {address}")
+    return Frame(command, address, body[2] | body[3] << 8, body[1], body[4:])
 
 
 def device(address: int, profile: Profile, options: Mapping[str, str]) -> DatalinkDevice:

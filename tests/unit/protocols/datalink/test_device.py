@@ -188,6 +188,14 @@ def test_force_goes_past_limits_and_marks() -> None:
         one.prepare_write("limit", "1e39", force=True)
 
 
+def test_what_was_asked_is_a_value_and_not_its_name() -> None:
+    one, instrument = new(), Instrument()
+    for text, value, asked in (("switch", "automatic", True), ("mode", "far away", 7)):
+        record = instrument.run(one.write(one.prepare_write(text, value)))
+        assert record.asked == record.found.value == asked
+        assert type(record.asked) is type(asked)
+
+
 def test_a_write_checks_the_map_too() -> None:
     one = new()
     write = one.prepare_write("C103", "100")
@@ -228,14 +236,15 @@ def test_raw_change_is_echoed_and_never_acknowledged() -> None:
     ("text", "message"),
     [
         ("xx", "'xx' is not hex bytes: CMD, NUM, LO ADD, HI ADD, data"),
-        ("", "not one whole Datalink frame"),
-        ("E0", "not one whole Datalink frame"),
-        ("E0 21 00 10", "NUM 33, over 32"),
-        ("E0 02 00 10 55", "not one whole Datalink frame"),
+        ("", "'' is too short: CMD, NUM, LO ADD, HI ADD at least"),
+        ("E0 01 00", "is too short"),
+        ("E0 21 00 10", "33 bytes are too many for a message"),
+        ("E0 02 00 10 55", "NUM 2 does not fit 1 bytes of data"),
+        ("A0 02 00 10 55", "NUM 2 does not fit 1 bytes of data"),
         ("E4 02 00 10", "'E4 02 00 10' is for address 4, not 3"),
-        ("40 02 00 10", "no command 43h"),
-        ("80", "not one whole Datalink frame"),
-        ("23 01 00 10 55", "a host cannot send a Response"),
+        ("40 02 00 10", "64 is no Datalink command"),
+        ("80", "a host sends no Response, and an Acknowledge belongs to its write"),
+        ("23 01 00 10 55", "a host sends no Response"),
     ],
 )
 def test_raw_that_is_refused(text: str, message: str) -> None:
