@@ -116,5 +116,7 @@ def fuzz(target: Target) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for number, seed in enumerate(target.seeds):
             Path(folder, str(number)).write_bytes(seed)
-        atheris.Setup([*sys.argv, "-max_len=2048", "-timeout=20", folder], one_input)
+        inputs_to_repeat = any(Path(word).is_file() for word in sys.argv[1:])
+        seeds = [] if inputs_to_repeat else [folder]
+        atheris.Setup([*sys.argv, "-max_len=2048", "-timeout=20", *seeds], one_input)
         atheris.Fuzz()
