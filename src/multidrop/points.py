@@ -4,32 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from enum import StrEnum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from multidrop.profile import PointDescription
-
-Value = bool | int | float | str | bytes
-
-
-def shown_value(value: Value) -> str:
-    """A value for a message or a table: bytes in hex, seven digits of a float, the rest as it is."""
-    if isinstance(value, bytes):
-        return value.hex(" ").upper()
-    return f"{value:.7g}" if isinstance(value, float) else str(value)
-
-
-class Role(StrEnum):
-    """What a point is for; it decides what may be repeated, restored and written over a network."""
-
-    SETTING = "setting"
-    SETPOINT = "setpoint"
-    COMMAND = "command"  # moves or enables something, switches a mode or an output, resets
-    MEASURED = "measured"
-    IDENTITY = "identity"
-    COMMUNICATION = "communication"  # address, baud, format
-    UNKNOWN = "unknown"
+from multidrop.description import PointDescription, Role, Value, shown_value
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,3 +77,6 @@ class Reading:
     ms: float
     raw_text: str = ""  # `raw` as it is shown: hex, or the characters of a text protocol
     meaning: str | None = None  # the name of the value, or of its bits, where the profile has one
+
+
+__all__ = ["Point", "PointDescription", "Reading", "Role", "Sample", "Value", "shown_value"]
