@@ -28,7 +28,8 @@ from multidrop.errors import (
 )
 
 if TYPE_CHECKING:
-    from multidrop.io.connection import connect, connect_async
+    from multidrop.io.async_connection import connect_async
+    from multidrop.io.connection import connect
     from multidrop.io.line import open_line
     from multidrop.points import Reading
 
@@ -36,7 +37,7 @@ __version__ = "0.1.0"
 
 _LAZY = {  # so that the pure floors can be imported without the world
     "connect": "multidrop.io.connection",
-    "connect_async": "multidrop.io.connection",
+    "connect_async": "multidrop.io.async_connection",
     "open_line": "multidrop.io.line",
     "Reading": "multidrop.points",
 }

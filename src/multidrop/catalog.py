@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from importlib.resources import files
 from pathlib import Path
 
 from multidrop.errors import UsageError
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
 
+SHIPPED = Path(__file__).with_name("profiles")
+
 
 def profile_names() -> list[str]:
     """Names of all shipped profiles; a protocol's own name is its profile with no points."""
-    shipped = {
-        entry.name.removesuffix(".toml")
-        for entry in files("multidrop.profiles").iterdir()
-        if entry.name.endswith(".toml")
-    }
+    shipped = {entry.name.removesuffix(".toml") for entry in SHIPPED.glob("*.toml")}
     return sorted(shipped | set(PROTOCOLS))
 
 
@@ -24,7 +21,7 @@ def load_profile(name: str) -> Profile:
     """The profile of this name, or of this file. Raises `UsageError` with the nearest name."""
     if name.endswith(".toml"):
         return profile_file(Path(name))
-    shipped = files("multidrop.profiles") / f"{name}.toml"
+    shipped = SHIPPED / f"{name}.toml"
     if "/" not in name and "\\" not in name and shipped.is_file():
         return Profile.from_toml(shipped.read_text(encoding="utf-8"), f"{name}.toml")
     if name in PROTOCOLS:

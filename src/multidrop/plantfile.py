@@ -25,8 +25,6 @@ from multidrop.naming import LINE_KEYS, DeviceName
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile, nearest
 
-FILE = "multidrop.toml"
-
 
 @dataclass(frozen=True, slots=True)
 class PlantDevice:
@@ -205,4 +203,4 @@ def _addresses_differ(devices: Mapping[str, PlantDevice], file: str) -> None:
         seen[where] = device.name
 
 
-__all__ = ["FILE", "LINE_KEYS", "Plant", "PlantDevice", "load_plant", "parse_plant"]
+__all__ = ["LINE_KEYS", "Plant", "PlantDevice", "load_plant", "parse_plant"]

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -17,11 +17,13 @@ from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.naming import LINE_KEYS, parse_device
-from multidrop.plantfile import FILE, Plant, PlantDevice, load_plant
+
+if TYPE_CHECKING:
+    from multidrop.plantfile import Plant, PlantDevice
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
-CONFIG_ENVIRONMENT = "MULTIDROP_CONFIG"
+CONFIG, CONFIG_ENVIRONMENT = "multidrop.toml", "MULTIDROP_CONFIG"
 _OWN_KEYS = ("broadcast", "stuffing", "settle")  # of protocols; refused where they do not exist
 
 
@@ -51,7 +53,9 @@ class Common:
         return None if "@" in device else self.plant().find(device)
 
     def plant(self) -> Plant:
-        path = Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, FILE))
+        from multidrop.plantfile import load_plant
+
+        path = Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
         if not path.exists() and self.config is None:
             raise UsageError(
                 f"a name without @ is looked up in {path}, and there is none here; "
@@ -126,9 +130,9 @@ def _decorated(command: Any, force: str, writes: bool) -> Any:
         command = click.option(f"--{key}", f"key_{key}", metavar="X", help=text, hidden=not text)(
             command
         )
-    command = click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{FILE}")(
-        command
-    )
+    command = click.option(
+        "--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}"
+    )(command)
     command = click.option("--profile", metavar="FILE", help="a profile of your own, TOML")(command)
     command = click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")(
         command

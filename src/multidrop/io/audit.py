@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import json
 import os
 import socket
@@ -33,10 +32,16 @@ class AuditLog:
     """Who wrote what, from where, and what came of it. One line a write."""
 
     def __init__(self, path: Path | None = None, *, origin: str, force: bool = False) -> None:
-        self.path = path or default_path()
+        self._path = path
         self._origin = origin
         self._force = force
-        self._who = f"{_user()}@{socket.gethostname()}"
+
+    @property
+    def path(self) -> Path:
+        """Found out when it is first needed: a command that only reads must start fast."""
+        if self._path is None:
+            self._path = default_path()
+        return self._path
 
     def check(self) -> None:
         """Before a write: raises `UsageError` if the log cannot be written, unless forced."""
@@ -66,7 +71,7 @@ class AuditLog:
         """Append one line; facts are those of `written`, null where they are not given, and others."""
         line = {
             "time": datetime.now(UTC).isoformat(timespec="microseconds"),
-            "who": self._who,
+            "who": f"{_user()}@{socket.gethostname()}",
             "from": self._origin,
             "device": device,
             "point": point,
@@ -102,6 +107,8 @@ def shown(sample: Sample | None, description: PointDescription | None) -> Any:
 
 
 def _user() -> str:
+    import getpass
+
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):

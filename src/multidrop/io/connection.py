@@ -1,8 +1,10 @@
-"""One device on one line: readings by name, confirmed writes. Blocking and asyncio."""
+"""One device on one line: readings by name, confirmed writes.
+
+Blocking; `async_connection.py` has the same for asyncio.
+"""
 
 from __future__ import annotations
 
-import asyncio
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +16,6 @@ from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
 from multidrop.device import Acts, Copy, Device, KeepsMemory, ProtocolModule, Report, Write
 from multidrop.errors import DeviceError, Error, NotApplied, OutcomeUnknown, PortError, UsageError
-from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.audit import AuditLog
 from multidrop.io.line import Line, Timed
 from multidrop.io.ports import PortSetup, open_port
@@ -63,7 +64,7 @@ def line_settings(protocol: ProtocolModule, profile: Profile, options: LineOptio
 
 
 @dataclass(frozen=True, slots=True)
-class _Service:
+class Service:
     """A command that may act, and what is known of it once it was answered."""
 
     what: str
@@ -85,7 +86,7 @@ def keeping(device: Device) -> KeepsMemory:
     return device
 
 
-class _Connection:
+class BaseConnection:
     """What blocking and asyncio connections share: everything that does not touch the line."""
 
     def __init__(self, target: Target, device: Device, audit: AuditLog | None) -> None:
@@ -134,22 +135,22 @@ class _Connection:
         self.audit.written(self.name, record)
         return record
 
-    def _clear_faults(self) -> _Service:
-        return _Service("clear-faults", self.device.clear_faults(), Outcome.CONFIRMED)
+    def _clear_faults(self) -> Service:
+        return Service("clear-faults", self.device.clear_faults(), Outcome.CONFIRMED)
 
-    def _reset_comm(self) -> _Service:
-        return _Service("reset-comm", self.device.reset_comm(), Outcome.UNVERIFIED)
+    def _reset_comm(self) -> Service:
+        return Service("reset-comm", self.device.reset_comm(), Outcome.UNVERIFIED)
 
-    def _raw(self, text: str) -> _Service:
-        return _Service(f"raw {text}", self.device.prepare_raw(text)(), Outcome.UNVERIFIED)
+    def _raw(self, text: str) -> Service:
+        return Service(f"raw {text}", self.device.prepare_raw(text)(), Outcome.UNVERIFIED)
 
-    def _answered(self, service: _Service, report: Report, acted: bool) -> Report:
+    def _answered(self, service: Service, report: Report, acted: bool) -> Report:
         if acted:
             outcome = service.outcome.value
             self.audit.append(self.name, service.what, outcome=outcome, answer=report.fields)
         return report
 
-    def _failed(self, service: _Service, why: BaseException, acted: bool) -> NoReturn:
+    def _failed(self, service: Service, why: BaseException, acted: bool) -> NoReturn:
         """Log what was sent, and raise: a line or a caller that was lost leaves the outcome open."""
         if acted:
             reason = str(why) or "interrupted"
@@ -163,13 +164,13 @@ class _Connection:
         raise why
 
 
-def _checked(record: Written) -> Written:
+def checked(record: Written) -> Written:
     if record.error is not None:
         raise record.error
     return record
 
 
-class Connection(_Connection):
+class Connection(BaseConnection):
     """A device on a blocking line. Use it in a `with`."""
 
     def __init__(
@@ -193,7 +194,7 @@ class Connection(_Connection):
         self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
     ) -> Written:
         """Write one point and read it back; raises unless that is confirmed."""
-        return _checked(self.carry_out(self.prepare(point, value, force=force), verify=verify))
+        return checked(self.carry_out(self.prepare(point, value, force=force), verify=verify))
 
     def carry_out(self, write: Write, *, verify: bool = True) -> Written:
         """Carry out a prepared write; what is known of it is in the record. Raises where nothing was sent."""
@@ -226,7 +227,7 @@ class Connection(_Connection):
     def act(self, name: str) -> Report:
         """An action of the device by its name: homing, a reset. Sent once."""
         return self._serve(
-            _Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
+            Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
         )
 
     def copy(self, copy: Copy) -> list[Written]:
@@ -237,7 +238,7 @@ class Connection(_Connection):
             self.audit.written(self.name, record)
         return records
 
-    def _serve(self, service: _Service) -> Report:
+    def _serve(self, service: Service) -> Report:
         self.audit.check()
         self.line.acted = False
         try:
@@ -258,77 +259,6 @@ class Connection(_Connection):
         self.line.close()
 
 
-class AsyncConnection(_Connection):
-    """A device on an asyncio line. Use it in an `async with`."""
-
-    line: AsyncLine
-
-    async def read(self, point: str | Point) -> Reading:
-        """Read one point; raises as the blocking one does."""
-        where = self.device.point(point) if isinstance(point, str) else point
-        return (await self.read_group((where,)))[0]
-
-    async def read_group(self, group: Sequence[Point]) -> list[Reading]:
-        """Read points that the device's `plan` put together; raises as `read` does."""
-        timed = await self.line.timed(self.device.read_group(group))
-        return self._readings(group, timed, time.monotonic())
-
-    async def write(
-        self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
-    ) -> Written:
-        """Write one point and read it back; raises unless that is confirmed."""
-        write = self.prepare(point, value, force=force)
-        try:
-            record = await self.line.run(self.device.write(write, verify=verify))
-        except (asyncio.CancelledError, PortError) as why:
-            if not self.line.acted:
-                raise
-            record = self._broken_off(write, why)
-            if isinstance(why, asyncio.CancelledError):
-                raise
-            return _checked(record)
-        self.audit.written(self.name, record)
-        return _checked(record)
-
-    async def status(self) -> Report:
-        """What the protocol offers of the device's state."""
-        return await self.line.run(self.device.status())
-
-    async def clear_faults(self) -> Report:
-        """Clear the fault of a drive; one that is not in fault is left alone."""
-        return await self._serve(self._clear_faults())
-
-    async def reset_comm(self) -> Report:
-        """Reset the device's serial interface, not its faults."""
-        return await self._serve(self._reset_comm())
-
-    async def raw(self, text: str) -> Report:
-        """Send one command body, in hex, as is."""
-        return await self._serve(self._raw(text))
-
-    async def _serve(self, service: _Service) -> Report:
-        self.audit.check()
-        try:
-            report = await self.line.run(service.conversation)
-        except (Error, asyncio.CancelledError) as why:
-            self._failed(service, why, self.line.acted)
-        return self._answered(service, report, self.line.acted)
-
-    async def __aenter__(self) -> Self:
-        self.line = await open_async_line(
-            self.target.port, self.target.settings, self.target.options
-        )
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        await self.line.close()
-
-
 def connect(device: str | DeviceName | Target, *, audit: AuditLog | None = None) -> Connection:
     """Open the line of a device, `PROFILE:ADDRESS@PORT[,key=value]...`, for blocking use.
 
@@ -339,11 +269,3 @@ def connect(device: str | DeviceName | Target, *, audit: AuditLog | None = None)
     worked_out = target.device()
     line = Line(open_port(target.port, target.setup()), target.settings, target.options)
     return Connection(target, worked_out, line, audit)
-
-
-def connect_async(
-    device: str | DeviceName | Target, *, audit: AuditLog | None = None
-) -> AsyncConnection:
-    """The same for asyncio; the line is opened by `async with`."""
-    target = Target.of(device)
-    return AsyncConnection(target, target.device(), audit)
