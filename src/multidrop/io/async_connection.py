@@ -1,0 +1,97 @@
+"""One device on one asyncio line: readings by name, confirmed writes."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self
+
+from multidrop.device import Report
+from multidrop.errors import Error, PortError
+from multidrop.io.async_line import AsyncLine, open_async_line
+from multidrop.io.audit import AuditLog
+from multidrop.io.connection import BaseConnection, Service, Target, checked
+from multidrop.naming import DeviceName
+from multidrop.points import Point, Reading, Value
+from multidrop.writing import Written
+
+
+class AsyncConnection(BaseConnection):
+    """A device on an asyncio line. Use it in an `async with`."""
+
+    line: AsyncLine
+
+    async def read(self, point: str | Point) -> Reading:
+        """Read one point; raises as the blocking one does."""
+        where = self.device.point(point) if isinstance(point, str) else point
+        return (await self.read_group((where,)))[0]
+
+    async def read_group(self, group: Sequence[Point]) -> list[Reading]:
+        """Read points that the device's `plan` put together; raises as `read` does."""
+        timed = await self.line.timed(self.device.read_group(group))
+        return self._readings(group, timed, time.monotonic())
+
+    async def write(
+        self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
+    ) -> Written:
+        """Write one point and read it back; raises unless that is confirmed."""
+        write = self.prepare(point, value, force=force)
+        try:
+            record = await self.line.run(self.device.write(write, verify=verify))
+        except (asyncio.CancelledError, PortError) as why:
+            if not self.line.acted:
+                raise
+            record = self._broken_off(write, why)
+            if isinstance(why, asyncio.CancelledError):
+                raise
+            return checked(record)
+        self.audit.written(self.name, record)
+        return checked(record)
+
+    async def status(self) -> Report:
+        """What the protocol offers of the device's state."""
+        return await self.line.run(self.device.status())
+
+    async def clear_faults(self) -> Report:
+        """Clear the fault of a drive; one that is not in fault is left alone."""
+        return await self._serve(self._clear_faults())
+
+    async def reset_comm(self) -> Report:
+        """Reset the device's serial interface, not its faults."""
+        return await self._serve(self._reset_comm())
+
+    async def raw(self, text: str) -> Report:
+        """Send one command body, in hex, as is."""
+        return await self._serve(self._raw(text))
+
+    async def _serve(self, service: Service) -> Report:
+        self.audit.check()
+        try:
+            report = await self.line.run(service.conversation)
+        except (Error, asyncio.CancelledError) as why:
+            self._failed(service, why, self.line.acted)
+        return self._answered(service, report, self.line.acted)
+
+    async def __aenter__(self) -> Self:
+        self.line = await open_async_line(
+            self.target.port, self.target.settings, self.target.options
+        )
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self.line.close()
+
+
+def connect_async(
+    device: str | DeviceName | Target, *, audit: AuditLog | None = None
+) -> AsyncConnection:
+    """As `connect`, for asyncio; the line is opened by `async with`."""
+    target = Target.of(device)
+    return AsyncConnection(target, target.device(), audit)
