@@ -40,8 +40,18 @@ EXPLAINED = {  # what somebody may type, and what was meant
 }
 
 
+class OutputGone(Exception):
+    """Whoever read our output has gone; for click and rich that would be a failure of ours."""
+
+
 class Commands(click.Group):
     """Imports only the command that is called: a read must start fast."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except (BrokenPipeError, SystemExit) as gone:
+            raise OutputGone from gone
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -98,7 +108,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         if isinstance(error, click.MissingParameter) and error.ctx is not None:
             click.echo(error.ctx.command.epilog or "", err=True)
         return 2
-    except BrokenPipeError:  # whoever read our output has gone
+    except (OutputGone, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Error as error:
