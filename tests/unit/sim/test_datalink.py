@@ -13,11 +13,18 @@ from multidrop.io.line import Line
 from multidrop.io.memory import MemoryPort
 from multidrop.protocols import PROTOCOLS
 from multidrop.protocols.datalink import Master
-from multidrop.sim.datalink import ENTERED, ENTRY, SimulatedInstrument, simulated
+from multidrop.sim.datalink import ENTERED, ENTRY, SimulatedInstrument
+from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import Pace, SimulatedLine
 from multidrop.writing import Outcome
 
 LINE = PROTOCOLS["datalink"].line
+
+
+def simulated(profile: str, address: int, behind: str | None) -> SimulatedInstrument:
+    found = simulated_device(profile, address, behind)
+    assert isinstance(found, SimulatedInstrument)
+    return found
 
 
 def wire(instrument: SimulatedInstrument) -> MemoryPort:

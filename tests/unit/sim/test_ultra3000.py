@@ -19,7 +19,7 @@ from multidrop.profile import PointDescription
 from multidrop.protocols import PROTOCOLS
 from multidrop.protocols.ultra3000 import Master, Refusal
 from multidrop.sim.line import Pace, SimulatedLine
-from multidrop.sim.ultra3000 import TRIP, SimulatedUltra3000, simulated
+from multidrop.sim.ultra3000 import TRIP, SimulatedUltra3000
 from multidrop.writing import Outcome
 
 LINE = PROTOCOLS["ultra3000"].line
@@ -36,7 +36,7 @@ def connection_to(drive: SimulatedUltra3000, path: Path) -> Connection:
 
 @pytest.fixture
 def drive() -> SimulatedUltra3000:
-    return simulated("ultra3000", 0, None)
+    return SimulatedUltra3000(0, load_profile("ultra3000"))
 
 
 @pytest.fixture
