@@ -21,6 +21,7 @@ GROUND = {
     "checksums",
     "conversation",
     "decoder",
+    "description",
     "device",
     "errors",
     "events",
@@ -43,6 +44,7 @@ FLOORS = {  # package or module below multidrop -> its floor; imports point down
     "gateway": 5,
     "cli": 6,
     "": 7,  # the package itself, which shows people what they need of the others
+    "__main__": 7,
 }
 PURE = GROUND | {"protocols"}
 WORLD = {
