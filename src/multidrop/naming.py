@@ -142,5 +142,9 @@ def _who(who: str, text: str) -> tuple[str, int]:
 def parse_simulated(text: str) -> tuple[str, int, str | None]:
     """`PROFILE:ADDRESS[+OPTION]`, as in `flexmax:1+dgfc386`: profile, address, what is behind it."""
     who, _, option = text.partition("+")
+    if ":" not in who or "@" in who:
+        raise UsageError(
+            f"{text!r} is not a device to simulate: PROFILE:ADDRESS, as in flexmax:0 or flexmax:0+dgfc386"
+        )
     profile, address = _who(who, text)
     return profile, address, option or None

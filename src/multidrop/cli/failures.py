@@ -48,7 +48,7 @@ def failure(error: Error) -> dict[str, Any]:
 
 def report_failure(error: Error, what: str = "") -> None:
     """One or two lines for a person: what was asked, what came, what to try."""
-    asked = f"{what}: " if what else ""
+    asked = f"{what}: " if what and not str(error).startswith(what) else ""
     click.secho(f"{asked}{error}", err=True, fg="red")
     advice = _advice(error)
     if advice:
@@ -61,6 +61,8 @@ def _advice(error: Error) -> str:
             return (
                 "bytes come, but damaged: check baud rate and format, A/B, termination; see --trace"
             )
+        if error.heard:
+            return "somebody else speaks: another master, or another device with this address; see --trace"
         return "check address, baud rate, format and wiring; --trace shows every frame"
     if isinstance(error, OutcomeUnknown):
         return "look at the device before you write again"

@@ -135,6 +135,12 @@ def show_record(record: Written) -> None:
         )
         click.echo(f"{record.point!s:<32} {old} -> {found}{unit}   {record.outcome.value}")
         return
-    click.echo(f"{record.point!s:<32} {shown_value(record.asked)}{unit}   {record.outcome.value}")
+    old = (
+        ""
+        if record.old is None
+        else f"{shown_value(shown(record.old, record.point.description))} -> "
+    )
+    asked = "?" if old and record.outcome is Outcome.UNKNOWN else shown_value(record.asked)
+    click.echo(f"{record.point!s:<32} {old}{asked}{unit}   {record.outcome.value}")
     if record.error is not None:
         report_failure(record.error, str(record.point))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import select
 import socket
 import time
@@ -128,6 +129,10 @@ def port_error(url: str, error: BaseException) -> PortError:
         reason = f"no connection within {CONNECT_TIMEOUT:g} s"
     elif isinstance(error, ConnectionRefusedError):
         reason = "connection refused: nothing listens there"
+    elif number == errno.EADDRINUSE:
+        reason = "another program listens there already (port 0 takes any free one)"
+    elif number == errno.ENOENT and re.fullmatch(r"[\w.-]+:\d+", url):
+        reason = f"no such port; a device server is tcp://{url}"
     elif number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         reason = "no such port ('multidrop ports' lists the ports of this machine)"
     elif number in (errno.EBUSY, errno.EWOULDBLOCK):

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
+from multidrop.profile import Profile
 from multidrop.protocols.datalink import Frame, Slave
 from multidrop.protocols.datalink.memory import MAP_B
 from multidrop.protocols.datalink.slave import Reply, Request
@@ -113,9 +114,11 @@ class SimulatedInstrument:
                 self.slave.address = event.frame.address
 
 
-def simulated(profile: str, address: int, behind: str | None) -> SimulatedInstrument:
-    """The instrument that a profile's name stands for. Raises `UsageError`."""
+def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedInstrument:
+    """The instrument of a profile's memory map. Raises `UsageError`."""
     if behind not in (None, "port"):
-        raise UsageError(f"{profile} has no {behind} behind it; +port is its configuration port")
-    inside: Inside = Still(address) if profile == "53sl6000" else Controller(address)
+        raise UsageError(
+            f"{profile.name} has no {behind} behind it; +port is its configuration port"
+        )
+    inside: Inside = Still(address) if profile.dialect == "map-b" else Controller(address)
     return SimulatedInstrument(address, inside, configuration_port=behind == "port")

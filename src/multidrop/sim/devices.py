@@ -19,8 +19,9 @@ _MODULES = {  # protocol -> module with `simulated`
 
 def simulated_device(profile: str, address: int, behind: str | None = None) -> SimulatedDevice:
     """A device with default values at `address`. Raises `UsageError` for an unknown profile."""
-    protocol = load_profile(profile).protocol
+    found = load_profile(profile)
+    protocol = found.protocol
     if protocol not in _MODULES:
         raise UsageError(f"there is no simulated {profile}")
     make: Callable[[Any, Any, Any], SimulatedDevice] = import_module(_MODULES[protocol]).simulated
-    return make(profile, address, behind)
+    return make(found, address, behind)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
+from multidrop.profile import Profile
 from multidrop.protocols.slink3 import AX_V, DGFC386, FLEXMAX, SLINK3, Dialect, Format, Frame, Slave
 from multidrop.protocols.slink3.messages import (
     WRITES,
@@ -222,19 +223,20 @@ def dgfc386(address: int, behind: SimulatedSlave | None = None) -> SimulatedSlav
     return card
 
 
-def simulated(profile: str, address: int, behind: str | None) -> SimulatedSlave:
-    """The device that a profile's name stands for. Raises `UsageError`."""
-    if behind is not None and (profile, behind) not in (
+def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedSlave:
+    """The device of a profile's dialect. Raises `UsageError`."""
+    dialect = profile.dialect or "slink3"
+    if behind is not None and (dialect, behind) not in (
         ("flexmax", "dgfc386"),
         ("slink3", "dgfc386"),
         ("dgfc386", "flexmax"),
     ):
         raise UsageError(
-            f"{profile} has no {behind} behind it; flexmax+dgfc386 and dgfc386+flexmax exist"
+            f"{profile.name} has no {behind} behind it; flexmax+dgfc386 and dgfc386+flexmax exist"
         )
-    if profile == "ax-v":
+    if dialect == AX_V.name:
         return ax_v(address)
-    if profile == "dgfc386":
+    if dialect == DGFC386.name:
         return dgfc386(address, FlexMax(address) if behind else None)
     card = dgfc386(address) if behind else None
-    return FlexMax(address, card, SLINK3 if profile == "slink3" else FLEXMAX)
+    return FlexMax(address, card, SLINK3 if dialect == SLINK3.name else FLEXMAX)

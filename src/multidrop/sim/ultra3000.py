@@ -195,8 +195,8 @@ class SimulatedUltra3000:
         known.saved = [digits]
 
 
-def simulated(profile: str, address: int, behind: str | None) -> SimulatedUltra3000:
+def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedUltra3000:
     """The drive that a profile's name stands for. Raises `UsageError`."""
     if behind is not None:
-        raise UsageError(f"{profile} has no {behind} behind it")
+        raise UsageError(f"{profile.name} has no {behind} behind it")
     return SimulatedUltra3000(address, load_profile("ultra3000"))

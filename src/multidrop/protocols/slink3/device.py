@@ -55,14 +55,14 @@ class Slink3Device(OneByOne):
         type_code = self._type_of(point)
         if point.standard:
             return self._read_standard(point, type_code or Format.OCTET_STRING)
-        if type_code in (None, Format.VOID) and not self._names_types(point):
-            return self._read_trying(point)
-        return self._read_as(point, type_code or Format.VOID)
+        if type_code not in (None, Format.VOID):
+            assert type_code is not None
+            return self._read_as(point, type_code)
+        return self._read_naming(point) if self._names_types(point) else self._read_trying(point)
 
     def _type_of(self, point: ParameterPoint) -> Format | None:
-        if point.type_code not in (None, Format.VOID):
-            return point.type_code
-        return self._types.get(point.text, point.type_code)
+        """The type that was given or that the profile has; else what a read has shown."""
+        return self._types.get(point.text) if point.type_code is None else point.type_code
 
     def _names_types(self, point: ParameterPoint) -> bool:
         if point.destination == BEHIND and self.dialect.behind:
@@ -83,6 +83,15 @@ class Slink3Device(OneByOne):
             self._types[point.text] = Format(found.type_code)
         name = type_name(found.type_code)
         return Sample(found.value, name, found.raw, self._fault(found.fault))
+
+    def _read_naming(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
+        """The slave names the type, where it can: a profile that fits any drive may promise too much."""
+        try:
+            return (yield from self._read_as(point, Format.VOID))
+        except DeviceError as refusal:
+            if refusal.code not in (Response.TYPE_VALUE_ERROR, Response.TYPE_UNKNOWN):
+                raise
+        return (yield from self._read_trying(point))
 
     def _read_trying(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """The dialect cannot name the type, so its types are asked for in turn."""

@@ -30,13 +30,13 @@ _STATES = (  # (mask, value): no low byte matches two rows, 208 of 256 match non
     (0x4F, 0x08, State.FAULT),
 )
 
-BITS = (
+BITS = (  # what a 1 means: disable voltage and quick stop are active where bits 4 and 5 are 0
     "ready to switch on",
     "switched on",
     "operation enabled",
     "fault",
-    "voltage disabled (0: the command is active)",
-    "quick stop (0: active)",
+    "voltage not disabled",
+    "no quick stop",
     "switch-on disabled",
     "warning",
     "message",
