@@ -17,6 +17,7 @@ from multidrop.errors import OutcomeUnknown, PortError, UsageError
 from multidrop.io.connection import Target
 from multidrop.io.line import Line
 from multidrop.io.ports import open_port
+from multidrop.points import Role
 
 
 @click.command(
@@ -35,9 +36,10 @@ def broadcast(
     """Write each POINT=VALUE of every slave on LINE (PROFILE@PORT), then ask each of them."""
     target = common.target(line, broadcast=True)
     addresses = _addresses(verify)
+    points = [parse_assignment(text) for text in assignments]
     converse = target.protocol.prepare_broadcast(
         target.profile,
-        [parse_assignment(text) for text in assignments],
+        points,
         addresses,
         target.options.own,
         force=common.force,
@@ -45,19 +47,21 @@ def broadcast(
     )
     audit = common.audit()
     audit.check()
+    speaker = target.protocol.device(0, target.profile, target.options.own)
     common.confirm(
-        f"Write {', '.join(assignments)} of every slave on {target.port}?", needs_yes=False
+        f"Write {', '.join(assignments)} of every slave on {target.port}?",
+        needs_yes=any(speaker.point(text).role is Role.COMMAND for text, _ in points),
     )
     with _open(target, common) as wire:
-        outcome = "unknown"
         try:
             found = _broadcast(wire, converse())
-            outcome = "confirmed" if all(slave.applied for slave in found) else outcome
-        finally:
+        except BaseException:
             if wire.acted:
-                what = " ".join(assignments)
-                audit.append(str(target.name), what, outcome=outcome, slaves=addresses)
+                audit.append(str(target.name), " ".join(assignments), outcome="unknown")
+            raise
     for slave in found:
+        for record in slave.written:
+            audit.written(_name(target, slave), record)
         _show(target, slave, common.json)
     return max((_status(slave) for slave in found), default=0)
 
@@ -94,8 +98,12 @@ def _status(slave: Received) -> int:
     return max(errors, default=0)
 
 
+def _name(target: Target, slave: Received) -> str:
+    return f"{target.name.profile}:{slave.address}@{target.port}"
+
+
 def _show(target: Target, slave: Received, as_json: bool) -> None:
-    name = f"{target.name.profile}:{slave.address}@{target.port}"
+    name = _name(target, slave)
     if as_json:
         for record in slave.written:
             line: dict[str, Any] = json_module.loads(as_line(name, record))
