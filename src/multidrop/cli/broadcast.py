@@ -9,7 +9,6 @@ import click
 
 from multidrop.cli.failures import exit_status, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.cli.trace import Trace
 from multidrop.cli.writing import as_line, parse_assignment
 from multidrop.conversation import Conversation
 from multidrop.device import Received
@@ -85,11 +84,8 @@ def _addresses(text: str) -> list[int]:
 
 
 def _open(target: Target, common: Common) -> Line:
-    import sys
-
     line = Line(open_port(target.port, target.setup()), target.settings, target.options)
-    if common.trace:
-        line.taps.append(Trace(target.protocol, sys.stderr))
+    common.watch(line, target)
     return line
 
 

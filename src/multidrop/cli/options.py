@@ -16,6 +16,7 @@ from multidrop.catalog import load_profile, profile_file
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
+from multidrop.io.line import Line
 from multidrop.naming import LINE_KEYS, parse_device
 
 if TYPE_CHECKING:
@@ -72,11 +73,18 @@ class Common:
     def connect(self, target: Target) -> Connection:
         """Open the device's line, with a trace on it if that was asked for."""
         connection = connect(target, audit=self.audit())
-        if self.trace:
-            from multidrop.cli.trace import Trace
-
-            connection.line.taps.append(Trace(target.protocol, sys.stderr))
+        self.watch(connection.line, target)
         return connection
+
+    def watch(self, line: Line, target: Target) -> None:
+        """Put a trace on a line if that was asked for."""
+        if not self.trace:
+            return
+        from multidrop.cli.trace import Trace
+
+        trace = Trace(target.protocol, sys.stderr)
+        line.taps.append(trace)
+        click.get_current_context().call_on_close(trace.finish)
 
     def confirm(self, question: str, *, needs_yes: bool) -> None:
         """Ask where somebody can answer; elsewhere go on, or demand --yes. Raises `UsageError`."""
@@ -111,7 +119,7 @@ def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], Com
             options = Common(
                 json=given.pop("json"),
                 trace=given.pop("trace"),
-                yes=given.pop("yes", False),
+                yes=given.pop("yes"),
                 force=given.pop("force", False),
                 keys=keys,
                 profile=given.pop("profile"),
@@ -140,6 +148,4 @@ def _decorated(command: Any, force: str, writes: bool) -> Any:
     command = click.option("--json", is_flag=True, help="JSON Lines on standard output")(command)
     if force:
         command = click.option("--force", is_flag=True, help=force)(command)
-    if writes:
-        command = click.option("--yes", is_flag=True, help="ask no questions")(command)
-    return command
+    return click.option("--yes", is_flag=True, help="ask no questions", hidden=not writes)(command)

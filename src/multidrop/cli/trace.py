@@ -18,6 +18,10 @@ class Trace:
         self._received = protocol.decoder()
         self._last = 0.0
 
+    def finish(self) -> None:
+        """Show what came last and was never followed by anything."""
+        self._show(self._received.silence(), "<", self._last)
+
     def __call__(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
         if sent:
             self._show(self._received.silence(), "<", now)
