@@ -1,0 +1,516 @@
+"""`write`, `clear-faults`, `reset-comm`, `raw`, `broadcast` in processes of their own, and the audit log."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from integration.processes import Ran, Simulator, multidrop, running, simulator
+from integration.servers import Connected, Server, answering, reply_to, serving
+from multidrop.protocols.slink3 import Command, Frame
+
+WRITTEN = ["v", "device", "point", "name", "old", "asked", "found", "raw", "outcome", "time"]
+FAST = "timeout=0.4,attempts=1"
+WRITE, READ = Command.WRITE_TYPED_PARAMETER, Command.READ_TYPED_PARAMETER
+
+
+def logged(audit: Path) -> list[dict[str, Any]]:
+    """The lines of the audit log."""
+    return [json.loads(line) for line in audit.read_text().splitlines()] if audit.exists() else []
+
+
+class Memory:
+    """A slave that reads 1009, and takes writes as it is told to: what it did is known."""
+
+    def __init__(
+        self, *, takes: bool = True, answers_writes: int | None = 0, reads: int = 99
+    ) -> None:
+        self.value = 125
+        self.writes = 0
+        self._takes, self._code, self._reads = takes, answers_writes, reads
+
+    def __call__(self, request: Frame) -> Frame | None:
+        if request.code == WRITE:
+            self.writes += 1
+            if self._takes:
+                self.value = struct.unpack("<h", request.data[3:])[0]
+            return None if self._code is None else reply_to(request, self._code)
+        self._reads -= 1
+        if self._reads < 0:
+            return None
+        return reply_to(request, 0, request.data[:3] + struct.pack("<h", self.value))
+
+
+def written_to(memory: Memory, *arguments: str) -> Ran:
+    with answering(memory) as server:
+        return multidrop("write", f"ax-v:2@{server.port},{FAST}", *arguments)
+
+
+def test_a_write_for_a_person(fresh: Simulator, audit: Path) -> None:
+    ran = multidrop("write", fresh.device("flexmax:0"), "8236:int16=1234", "speed_setpoint=-100")
+    assert (ran.status, ran.err) == (0, "")
+    first, second = ran.out.splitlines()
+    assert first.split() == ["index_8236", "(8236)", "0", "->", "1234", "confirmed"]
+    assert second.split() == [
+        "speed_setpoint",
+        "(std/0x6042.0)",
+        "0",
+        "->",
+        "-100",
+        "rpm",
+        "confirmed",
+    ]
+    assert [line["outcome"] for line in logged(audit)] == ["confirmed", "confirmed"]
+
+
+def test_a_write_as_json(fresh: Simulator) -> None:
+    ran = multidrop("write", fresh.device("ax-v:2"), "1111=200", "--json")
+    assert (ran.status, ran.err) == (0, "")
+    found = ran.object
+    assert list(found) == WRITTEN
+    assert datetime.fromisoformat(found.pop("time")).tzinfo is not None
+    assert found == {
+        "v": 1,
+        "device": f"ax-v:2@{fresh.port}",
+        "point": "1111",
+        "name": "ipa_1111",
+        "old": 100,
+        "asked": 200,
+        "found": 200,
+        "raw": "c800",
+        "outcome": "confirmed",
+    }
+
+
+def test_the_audit_log(fresh: Simulator, audit: Path) -> None:
+    multidrop("write", fresh.device("ax-v:2"), "1111=200")
+    multidrop("write", fresh.device("ax-v:2"), "1111=0x10", "1009=7", "--no-verify")
+    first, second, third = logged(audit)
+    assert {"time", "who", "from", "device", "point", "old", "asked", "found", "outcome"} <= set(
+        first
+    )
+    assert first["from"] == "command line"
+    assert "@" in first["who"]
+    assert first["device"] == f"ax-v:2@{fresh.port}"
+    assert (first["point"], first["old"], first["asked"], first["found"]) == ("1111", 100, 200, 200)
+    assert (second["old"], second["asked"], second["found"]) == (200, 16, None)
+    assert [line["outcome"] for line in (first, second, third)] == [
+        "confirmed",
+        "unverified",
+        "unverified",
+    ]
+    assert multidrop("read", fresh.device("ax-v:2"), "1111", "--json").object["value"] == 16
+
+
+def test_an_audit_log_that_cannot_be_written(plant: Simulator, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    elsewhere = str(tmp_path / "file" / "audit.jsonl")
+    with answering(Memory()) as server:
+        for command in (
+            ("write", f"ax-v:2@{server.port}", "1009=1"),
+            ("clear-faults", f"flexmax:2@{server.port}"),
+            ("reset-comm", f"flexmax:2@{server.port}"),
+            ("raw", f"flexmax:2@{server.port}", "2300"),
+            ("broadcast", f"ax-v@{server.port}", "1009=1", "--verify", "2"),
+        ):
+            ran = multidrop(*command, MULTIDROP_AUDIT=elsewhere)
+            assert (ran.status, ran.out) == (2, ""), command
+            assert "the audit log" in ran.err
+            assert "--force" in ran.err
+        assert not server.received
+    memory = Memory()
+    with answering(memory) as server:
+        ran = multidrop(
+            "write", f"ax-v:2@{server.port}", "1009=1", "--force", MULTIDROP_AUDIT=elsewhere
+        )
+    assert ran.status == 0
+    assert memory.value == 1
+
+
+# -- what can become of a write -----------------------------------------------------------------
+
+
+def test_no_answer_to_the_old_value_and_nothing_is_written(audit: Path) -> None:
+    memory = Memory(reads=0)
+    ran = written_to(memory, "1009=1", "1111=2", "--json")
+    assert ran.status == 4
+    assert memory.writes == 0
+    first, second = ran.objects
+    assert (first["outcome"], first["error"]["kind"], first["old"]) == (
+        "not-sent",
+        "no-reply",
+        None,
+    )
+    assert (second["outcome"], second["error"]["kind"]) == ("not-sent", "not-sent")
+    assert logged(audit) == []
+
+
+def test_a_write_only_point_has_no_old_value() -> None:
+    def write_only(request: Frame) -> Frame:
+        return reply_to(request, 0 if request.code == WRITE else 0x1A)
+
+    with answering(write_only) as server:
+        ran = multidrop("write", f"flexmax:2@{server.port}", "8236=1", "--json")
+    assert ran.status == 0
+    assert (ran.object["old"], ran.object["found"], ran.object["outcome"]) == (
+        None,
+        None,
+        "unverified",
+    )
+
+
+def test_a_refused_write(plant: Simulator, audit: Path) -> None:
+    ran = multidrop("write", plant.device("flexmax:1"), "speed_setpoint=3001", "--json")
+    assert ran.status == 3
+    assert ran.object["outcome"] == "not-applied"
+    assert ran.object["error"] == {"kind": "refused", "code": 0x12, "text": "above the maximum"}
+    assert logged(audit)[0]["outcome"] == "not-applied"
+
+
+@pytest.mark.parametrize("json_too", [False, True])
+def test_an_unknown_outcome(json_too: bool, audit: Path) -> None:
+    memory = Memory(takes=False, answers_writes=None)
+    ran = written_to(memory, "1009=1", *(["--json"] if json_too else []))
+    assert ran.status == 7
+    assert memory.writes == 1
+    if json_too:
+        assert (ran.object["outcome"], ran.object["found"]) == ("unknown", 125)
+        assert ran.object["error"]["kind"] == "unknown-outcome"
+    else:
+        assert ran.out.split()[-1] == "unknown"
+        assert "confirmed" not in ran.out
+        assert "look at the device before you write again" in ran.err
+    assert logged(audit)[0]["outcome"] == "unknown"
+
+
+def test_an_unanswered_write_is_confirmed_by_the_read_back() -> None:
+    ran = written_to(Memory(answers_writes=None), "1009=1", "--json")
+    assert (ran.status, ran.object["outcome"]) == (0, "confirmed")
+
+
+def test_a_submitted_write_is_confirmed_by_the_read_back_alone() -> None:
+    assert (
+        written_to(Memory(answers_writes=0x16), "1009=1", "--json").object["outcome"] == "confirmed"
+    )
+    ran = written_to(Memory(answers_writes=0x16, takes=False), "1009=1", "--json")
+    assert (ran.status, ran.object["outcome"]) == (7, "unknown")
+
+
+def test_a_read_back_that_differs(audit: Path) -> None:
+    ran = written_to(Memory(takes=False), "1009=1", "--json")
+    assert ran.status == 8
+    assert (ran.object["outcome"], ran.object["asked"], ran.object["found"]) == ("differs", 1, 125)
+    assert ran.object["error"]["kind"] == "not-applied"
+    assert logged(audit)[0]["outcome"] == "differs"
+
+
+def test_a_setting_is_tried_once_more_where_it_is_unchanged(tmp_path: Path) -> None:
+    own = tmp_path / "mine.toml"
+    own.write_text(
+        '[profile]\nname = "mine"\nprotocol = "slink3"\ndialect = "ax-v"\n'
+        '[points.tension]\nat = "1009:int16"\nrole = "setting"\n'
+    )
+    memory = Memory(takes=False, answers_writes=None)
+    assert written_to(memory, "tension=1", "--profile", str(own)).status == 7
+    assert memory.writes == 2
+
+
+# -- several writes -------------------------------------------------------------------------------
+
+
+def test_writes_stop_at_the_first_that_is_not_confirmed(fresh: Simulator) -> None:
+    device = fresh.device("flexmax:1")
+    ran = multidrop("write", device, "8236=1", "speed_setpoint=3001", "8236=2", "--json")
+    assert ran.status == 3
+    assert [line["outcome"] for line in ran.objects] == ["confirmed", "not-applied", "not-sent"]
+    assert ran.objects[2]["error"]["kind"] == "not-sent"
+    assert ran.objects[2]["asked"] == 2
+    assert multidrop("read", device, "8236", "--json").object["value"] == 1
+
+
+def test_keep_going(fresh: Simulator) -> None:
+    device = fresh.device("flexmax:1")
+    ran = multidrop("write", device, "speed_setpoint=3001", "8236=2", "--keep-going")
+    assert ran.status == 3
+    assert ran.out.splitlines()[1].split()[-3:] == ["->", "2", "confirmed"]
+
+
+def test_the_port_is_lost_between_two_writes() -> None:
+    def one_write(line: Connected) -> None:
+        memory = Memory()
+        for request in line.requests():
+            reply = memory(request)
+            assert reply is not None
+            line.send(reply.encode())
+            if memory.writes and request.code == READ:
+                return
+
+    with serving(one_write) as server:
+        ran = multidrop(
+            "write", f"ax-v:2@{server.port}", "1009=1", "1009=2", "1009=3", "--keep-going", "--json"
+        )
+    assert ran.status == 5
+    assert [line["outcome"] for line in ran.objects] == ["confirmed", "not-sent", "not-sent"]
+    assert [line["error"]["kind"] for line in ran.objects[1:]] == ["port", "not-sent"]
+
+
+def test_the_port_is_lost_in_the_middle_of_a_write(audit: Path) -> None:
+    def until_written(line: Connected) -> None:
+        for request in line.requests():
+            if request.code == WRITE:
+                return
+            line.send(reply_to(request, 0, request.data[:3] + bytes(2)).encode())
+
+    with serving(until_written) as server:
+        ran = multidrop(
+            "write", f"ax-v:2@{server.port}", "1009=1", "1111=2", "--keep-going", "--json"
+        )
+    assert ran.status == 7
+    assert [line["outcome"] for line in ran.objects] == ["unknown", "not-sent"]
+    assert [line["outcome"] for line in logged(audit)] == ["unknown"]
+
+
+# -- before anything is sent ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def recorder() -> Iterator[Server]:
+    """A server that answers nothing and notes every byte."""
+    with answering(lambda frame: None) as server:
+        yield server
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("read", "flexmax:0", "8236", "8237.256:int16"),
+        ("write", "flexmax:0", "8236:int16=1", "8236:int16=40000"),
+        ("write", "flexmax:0", "8236:int16=1", "nonsense=1"),
+        ("write", "flexmax:0", "8236:int16=1", "control_word=6"),  # a command, and nobody to ask
+        ("watch", "flexmax:0", "8236", "8236:int9"),
+        ("raw", "flexmax:0", "2"),
+        ("broadcast", "flexmax", "8236:int16=1", "address=9", "--verify", "0"),
+        ("broadcast", "flexmax", "8236:int16=1", "--verify", "0,x"),
+        ("broadcast", "flexmax", "8236:int16=1", "control_word=6", "--verify", "0", "--force"),
+        ("clear-faults", "ax-v:2"),
+        ("reset-comm", "dgfc386:2"),
+        ("status", "flexmax:128"),
+    ],
+)
+def test_one_usage_error_and_nothing_is_sent(recorder: Server, arguments: tuple[str, ...]) -> None:
+    command, who, *rest = arguments
+    ran = multidrop(command, f"{who}@{recorder.port}", *rest)
+    assert (ran.status, ran.out) == (2, "")
+    assert ran.err
+    assert len(ran.err.splitlines()) <= 4
+    assert not recorder.received
+    assert recorder.connections == 0
+
+
+def test_a_command_needs_yes_where_nobody_can_be_asked(fresh: Simulator, audit: Path) -> None:
+    device = fresh.device("flexmax:0")
+    for point in ("control_word", "std/0x6040.0:uint16"):
+        ran = multidrop("write", device, f"{point}=6")
+        assert ran.status == 2
+        assert "--yes" in ran.err
+    assert logged(audit) == []
+    ran = multidrop("write", device, "control_word=6", "--yes")
+    assert ran.status == 0
+    assert multidrop("status", device, "--json").object["state"] == "ready to switch on"
+
+
+def test_a_read_only_point_and_force(fresh: Simulator) -> None:
+    device = fresh.device("flexmax:0")
+    ran = multidrop("write", device, "p44:int16=5")
+    assert ran.status == 2
+    assert "by an inferred rule, so it is read-only; --force writes it" in ran.err
+    assert multidrop("write", device, "p44:int16=5", "--force").status == 0
+    assert multidrop("read", device, "p44", "--json").object["value"] == 5
+
+
+# -- the other commands that write ----------------------------------------------------------------
+
+
+def test_clear_faults(fresh: Simulator, audit: Path) -> None:
+    device = fresh.device("flexmax:0")
+    ran = multidrop("clear-faults", device)
+    assert ran.status == 0
+    assert "not in fault: switch-on disabled; nothing was written" in ran.out
+    assert logged(audit) == []
+    multidrop("write", device, "65000:uint16=0x2310", "--yes")
+    found = multidrop("status", device, "--json").object
+    assert (found["fault"], found["state"], found["malfunction_code"]) == (True, "fault", 0x2310)
+    ran = multidrop("clear-faults", device, "--json")
+    assert ran.status == 0
+    assert (ran.object["cleared"], ran.object["was"], ran.object["state"]) == (
+        True,
+        "fault",
+        "switch-on disabled",
+    )
+    assert multidrop("status", device, "--json").object["fault"] is False
+    assert [(line["point"], line["outcome"]) for line in logged(audit)][1:] == [
+        ("clear-faults", "confirmed")
+    ]
+
+
+def test_clear_faults_of_a_running_drive_writes_nothing(fresh: Simulator) -> None:
+    """0000h on a running drive is disable voltage: it would coast."""
+    device = fresh.device("flexmax:0")
+    multidrop("write", device, "control_word=6", "control_word=7", "control_word=15", "--yes")
+    assert multidrop("clear-faults", device).status == 0
+    assert multidrop("status", device, "--json").object["state"] == "operation enabled"
+
+
+def test_a_fault_reset_that_is_cut_off_is_unknown(audit: Path) -> None:
+    def in_fault(line: Connected) -> None:
+        for request in line.requests():
+            if request.code != Command.STATUS_WORD:
+                return
+            line.send(reply_to(request, 0, b"\x08\x02").encode())
+
+    with serving(in_fault) as server:
+        assert multidrop("clear-faults", f"flexmax:0@{server.port}").status == 7
+    (line,) = logged(audit)
+    assert (line["point"], line["outcome"]) == ("clear-faults", "unknown")
+
+
+def test_reset_comm(fresh: Simulator, audit: Path) -> None:
+    ran = multidrop("reset-comm", fresh.device("flexmax:0"))
+    assert ran.status == 0
+    assert "faults stay" in ran.out
+    assert [(line["point"], line["outcome"]) for line in logged(audit)] == [
+        ("reset-comm", "unverified")
+    ]
+    ran = multidrop("reset", fresh.device("flexmax:0"))
+    assert ran.status == 2
+    assert "clear-faults" in ran.err
+    assert "reset-comm" in ran.err
+
+
+def test_raw(fresh: Simulator, audit: Path) -> None:
+    device = fresh.device("flexmax:0")
+    ran = multidrop("raw", device, "23", "00", "--json")
+    assert ran.status == 0
+    assert ran.object["response"] == 0
+    assert ran.object["data"] == "4002"
+    ran = multidrop("raw", device, "dgfc/CDAB1122")
+    assert ran.status == 0
+    assert "data 11 22" in ran.out
+    ran = multidrop("raw", device, "9900")
+    assert "0018h unknown command" in ran.out
+    assert [line["point"] for line in logged(audit)] == [
+        "raw 23 00",
+        "raw dgfc/CDAB1122",
+        "raw 9900",
+    ]
+    assert multidrop("raw", fresh.device("flexmax:99", timeout=0.05), "2300").status == 4
+
+
+def test_broadcast(fresh: Simulator, audit: Path) -> None:
+    ran = multidrop("broadcast", f"flexmax@{fresh.port}", "8236:int16=321", "--verify", "0,1")
+    assert ran.status == 0
+    assert [line.split() for line in ran.out.splitlines()] == [
+        ["0", "received", "yes", "applied", "yes"],
+        ["1", "received", "yes", "applied", "yes"],
+    ]
+    lines = logged(audit)
+    assert [line["device"] for line in lines] == [f"flexmax:{n}@{fresh.port}" for n in (0, 1)]
+    assert [(line["old"], line["asked"], line["found"]) for line in lines] == [(0, 321, 321)] * 2
+    assert [line["outcome"] for line in lines] == ["confirmed", "confirmed"]
+
+
+def test_broadcast_as_json(fresh: Simulator) -> None:
+    ran = multidrop("broadcast", f"ax-v@{fresh.port}", "1111=7", "--verify", "2", "--json")
+    assert ran.status == 0
+    assert list(ran.object)[: len(WRITTEN)] == WRITTEN
+    assert ran.object["device"] == f"ax-v:2@{fresh.port}"
+    assert (ran.object["outcome"], ran.object["received"], ran.object["applied"]) == (
+        "confirmed",
+        None,
+        True,
+    )
+
+
+def test_a_broadcast_that_is_not_applied(fresh: Simulator, audit: Path) -> None:
+    ran = multidrop("broadcast", f"flexmax@{fresh.port}", "speed_setpoint=9000", "--verify", "0")
+    assert ran.status == 8
+    assert ran.out.split() == ["0", "received", "yes", "applied", "NO"]
+    assert [line["outcome"] for line in logged(audit)] == ["differs"]
+
+
+def test_a_silent_slave_and_nothing_is_broadcast(fresh: Simulator, audit: Path) -> None:
+    port = f"flexmax@{fresh.port},{FAST}"
+    ran = multidrop("broadcast", port, "8236:int16=5", "--verify", "0,9")
+    assert ran.status == 4
+    assert "slave 9 did not answer, so nothing was broadcast" in ran.err
+    assert multidrop("read", fresh.device("flexmax:0"), "8236", "--json").object["value"] == 0
+    assert logged(audit) == []
+    ran = multidrop("broadcast", port, "8236:int16=5", "--verify", "0,9", "--keep-going")
+    assert ran.status == 7
+    assert multidrop("read", fresh.device("flexmax:0"), "8236", "--json").object["value"] == 5
+    assert [line["outcome"] for line in logged(audit)] == ["confirmed", "unknown"]
+
+
+# -- Ctrl-C ---------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_before_the_write_went_out(audit: Path) -> None:
+    with (
+        answering(lambda request: None) as server,
+        running("write", f"ax-v:2@{server.port},timeout=60", "1009=1", "--trace") as writing,
+    ):
+        writing.wait_for("read typed parameter")
+        ran = writing.interrupt()
+    assert ran.status == 130
+    assert "Traceback" not in ran.err
+    assert logged(audit) == []
+
+
+@pytest.mark.parametrize("keep_going", [(), ("--keep-going",)])
+def test_ctrl_c_while_a_write_is_in_flight(keep_going: tuple[str, ...], audit: Path) -> None:
+    memory = Memory(answers_writes=None)
+    arguments = ("1009=1", "1009=2", "--json", "--trace", *keep_going)
+    with (
+        answering(memory) as server,
+        running("write", f"ax-v:2@{server.port},timeout=60", *arguments) as writing,
+    ):
+        writing.wait_for("write typed parameter")
+        ran = writing.interrupt()
+    assert ran.status == 7
+    assert "Traceback" not in ran.err
+    assert [line["outcome"] for line in ran.objects] == ["unknown", "not-sent"]
+    assert memory.writes == 1
+    assert [line["outcome"] for line in logged(audit)] == ["unknown"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [("raw", "27 00 03 F1 03 01 00"), ("reset-comm",)], ids=["raw", "reset-comm"]
+)
+def test_ctrl_c_while_a_command_is_in_flight(arguments: tuple[str, ...], audit: Path) -> None:
+    command, *rest = arguments
+    with (
+        answering(lambda request: None) as server,
+        running(command, f"slink3:2@{server.port},timeout=60", *rest, "--trace") as sending,
+    ):
+        sending.wait_for(" > ")
+        ran = sending.interrupt()
+    assert ran.status == 7
+    assert "Traceback" not in ran.err
+    assert [line["outcome"] for line in logged(audit)] == ["unknown"]
+
+
+def test_ctrl_c_after_a_broadcast_went_out(audit: Path) -> None:
+    with (
+        simulator("ax-v:2", "--fault", "late-answer=100%", "--late", "0.3") as slow,
+        running("broadcast", f"ax-v@{slow.port}", "1009=1", "--verify", "2", "--trace") as sending,
+    ):
+        sending.wait_for("128 #0 write typed parameter")
+        ran = sending.interrupt()
+    assert ran.status == 7
+    assert [line["outcome"] for line in logged(audit)] == ["unknown"]
