@@ -38,8 +38,13 @@ class Decoder(Generic[FrameT]):
 
     @property
     def pending(self) -> bool:
-        """Whether bytes are waiting for more bytes or for silence."""
+        """Whether bytes are held that have not come out as events."""
         return bool(self._buffer)
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether some of them may be the beginning of a frame; the rest is damage that is held back."""
+        return len(self._buffer) > self._dropped
 
     def receive_data(self, data: bytes) -> list[FrameReceived[FrameT] | Damaged]:
         """Take the next bytes of the stream; returns the events that they complete."""

@@ -220,7 +220,7 @@ class Exchange(Generic[FrameT, ResultT]):
         assert step is not None
         assert not isinstance(step, Wait)
         ready = session.quiet_from
-        if session.decoder.pending:  # somebody's frame is still coming: do not speak over it
+        if session.decoder.unfinished:  # somebody's frame is still coming: do not speak over it
             ready = session.last_heard + session.timing.silence
         rested = ready
         if isinstance(step, Ask):
@@ -335,7 +335,7 @@ class Exchange(Generic[FrameT, ResultT]):
 
     def _set_deadline(self) -> None:
         session = self._session
-        if session.decoder.pending:
+        if session.decoder.unfinished:
             self.deadline = min(session.last_heard + session.timing.silence, self._not_after)
         else:
             self.deadline = self._answer_until

@@ -141,8 +141,9 @@ def _read_back(
         return replace(record, found=found, outcome=Outcome.CONFIRMED, error=None)
     if silent:
         return replace(record, found=found)
+    value = record.point.physical(found.value)
     differs = NotApplied(
-        f"{record.point}: {shown_value(record.asked)} was written, {shown_value(found.value)} is read back",
-        found=found.value,
+        f"{record.point}: {shown_value(record.asked)} was written, {shown_value(value)} is read back",
+        found=value,
     )
     return replace(record, found=found, outcome=Outcome.DIFFERS, error=differs)

@@ -149,8 +149,8 @@ class _Decoder(Decoder[Frame]):
     _behind_frame = False
 
     @property
-    def pending(self) -> bool:
-        return super().pending and not self._skips
+    def unfinished(self) -> bool:
+        return super().unfinished and not self._skips
 
     @property
     def _skips(self) -> bool:

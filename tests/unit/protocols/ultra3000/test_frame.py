@@ -110,7 +110,7 @@ def test_a_line_feed_between_frames_is_skipped() -> None:
 def test_a_line_feed_behind_the_last_frame_is_skipped() -> None:
     found = decoder()
     assert len(found.receive_data(READ.encode() + b"\n")) == 1
-    assert not found.pending  # so no master waits for what may follow it
+    assert not found.unfinished  # so no master waits for what may follow it
     assert found.silence() == []
     assert not found.pending
     assert len(found.receive_data(READ.encode())) == 1
