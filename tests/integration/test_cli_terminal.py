@@ -1,0 +1,119 @@
+"""Questions, live tables and Ctrl-C on a real terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from integration.processes import Simulator, multidrop
+from integration.terminal import on_terminal
+
+
+def state(device: str) -> str:
+    found: str = multidrop("status", device, "--json").object["state"]
+    return found
+
+
+def test_a_command_is_asked_about_and_done(fresh: Simulator) -> None:
+    device = fresh.device("flexmax:0")
+    with on_terminal("write", device, "control_word=6") as terminal:
+        shown = terminal.wait_for("[y/N]")
+        assert f"control_word (std/0x6040.0)=6 may start, stop or switch {device}" in shown
+        terminal.type("y\n")
+        assert terminal.ended() == 0
+        assert "confirmed" in terminal.shown
+    assert state(device) == "ready to switch on"
+
+
+@pytest.mark.parametrize("answer", ["n\n", "\n"])
+def test_a_command_that_is_not_confirmed_is_not_sent(
+    plant: Simulator, audit: Path, answer: str
+) -> None:
+    device = plant.device("flexmax:0")
+    with on_terminal("write", device, "control_word=6") as terminal:
+        terminal.wait_for("[y/N]")
+        terminal.type(answer)
+        assert terminal.ended() == 2
+        assert "not confirmed; nothing was sent" in terminal.shown
+    assert state(device) == "switch-on disabled"
+    assert not audit.exists() or audit.read_text() == ""
+
+
+def test_ctrl_c_at_a_question(plant: Simulator) -> None:
+    device = plant.device("flexmax:0")
+    with on_terminal("write", device, "control_word=6") as terminal:
+        terminal.wait_for("[y/N]")
+        assert terminal.interrupt() == 130
+        assert "Traceback" not in terminal.shown
+    assert state(device) == "switch-on disabled"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("write", "flexmax:1", "control_word=0", "--yes"),
+        ("write", "flexmax:1", "8236=1"),  # no command: no question
+        ("clear-faults", "flexmax:1", "--yes"),
+        ("raw", "flexmax:1", "2300", "--yes"),
+        ("read", "flexmax:1", "8236"),
+    ],
+    ids=" ".join,
+)
+def test_where_nothing_is_asked(fresh: Simulator, arguments: tuple[str, ...]) -> None:
+    command, who, *rest = arguments
+    with on_terminal(command, fresh.device(who), *rest) as terminal:
+        assert terminal.ended() == 0
+        assert "[y/N]" not in terminal.shown
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("clear-faults", "flexmax:1"),
+        ("raw", "flexmax:1", "2300"),
+        ("broadcast", "flexmax", "8236:int16=1", "--verify", "0"),
+    ],
+    ids=" ".join,
+)
+def test_where_something_is_asked(plant: Simulator, arguments: tuple[str, ...]) -> None:
+    command, who, *rest = arguments
+    with on_terminal(command, plant.device(who), *rest) as terminal:
+        terminal.wait_for("[y/N]")
+        terminal.type("n\n")
+        assert terminal.ended() == 2
+
+
+def test_watch_is_a_live_table(fresh: Simulator) -> None:
+    device = fresh.device("flexmax:0")
+    with on_terminal("watch", device, "8236", "actual_speed", "--every", "0.05") as terminal:
+        shown = terminal.wait_for("actual_speed")
+        assert "trend" in shown
+        multidrop("write", device, "8236=4321")
+        terminal.wait_for("4321")
+        terminal.wait_for("█")  # its trend
+        assert terminal.interrupt() == 130
+        assert "Traceback" not in terminal.shown
+
+
+def test_the_demo_is_a_live_table() -> None:
+    with on_terminal("demo", "--listen", "tcp://127.0.0.1:0") as terminal:
+        terminal.wait_for("winder")
+        terminal.wait_for("rpm")
+        assert terminal.interrupt() == 130
+        assert "Traceback" not in terminal.shown
+
+
+def test_ctrl_c_typed_while_a_read_repeats(plant: Simulator) -> None:
+    with on_terminal("read", plant.device("ax-v:2"), "1009", "--every", "0.05") as terminal:
+        terminal.wait_for("125")
+        assert terminal.interrupt() == 130
+        assert "interrupted" in terminal.shown
+        assert "Traceback" not in terminal.shown
+
+
+def test_errors_are_red_on_a_terminal_alone(plant: Simulator) -> None:
+    with on_terminal("read", plant.device("flexmax:1"), "9999:int16") as terminal:
+        assert terminal.ended() == 3
+        assert "parameter does not exist" in terminal.shown
+    assert "\x1b" not in multidrop("read", plant.device("flexmax:1"), "9999:int16").err
