@@ -115,7 +115,7 @@ def _device(
         profile = load_profile(profile_name)
     except UsageError as error:
         raise UsageError(f"{where}.profile: {error}") from None
-    points, every = _points(entry.get("points", {}), f"{where}.points")
+    points, every = _points(entry.get("points", {}), profile, f"{where}.points")
     options = {
         key: str(value) for key, value in line_entry.items() if key not in ("port", "device")
     }
@@ -123,16 +123,25 @@ def _device(
         name=name,
         line=line,
         device=DeviceName(profile_name, address, line_entry["port"], options),
-        profile=replace(profile, points={**profile.points, **points}),
+        profile=replace(profile, points={**points, **_without(profile.points, points)}),
         every=every,
         behind=entry.get("behind"),
     )
 
 
+def _without(
+    known: Mapping[str, PointDescription], named: Mapping[str, PointDescription]
+) -> dict[str, PointDescription]:
+    """What a profile knows besides the plant's own names, which come first."""
+    return {name: item for name, item in known.items() if name not in named}
+
+
 _POINT_KEYS = {"at", "every", "unit", "scale", "role", "write", "meaning"}
 
 
-def _points(table: Any, where: str) -> tuple[dict[str, PointDescription], dict[str, float]]:
+def _points(
+    table: Any, profile: Profile, where: str
+) -> tuple[dict[str, PointDescription], dict[str, float]]:
     points: dict[str, PointDescription] = {}
     every: dict[str, float] = {}
     if not isinstance(table, dict):
@@ -142,31 +151,43 @@ def _points(table: Any, where: str) -> tuple[dict[str, PointDescription], dict[s
         if not isinstance(given, dict) or not isinstance(given.get("at"), str):
             raise UsageError(f'{where}.{name} is neither a point nor a table with at = "POINT"')
         _known(given, _POINT_KEYS, f"{where}.{name}")
-        points[name] = _point(name, given, f"{where}.{name}")
+        points[name] = _point(name, given, profile, f"{where}.{name}")
         every[name] = _number(given, "every", 1.0, f"{where}.{name}")
     return points, every
 
 
-def _point(name: str, given: dict[str, Any], where: str) -> PointDescription:
+def _point(name: str, given: dict[str, Any], profile: Profile, where: str) -> PointDescription:
+    """A point of the plant: what its profile knows of the same place, and what the plant says over it."""
     limits = given.get("write", {})
     if not isinstance(limits, dict):
         raise UsageError(f"{where}.write is not {{ min = ..., max = ... }}")
     _known(limits, {"min", "max"}, f"{where}.write")
-    try:
-        role = Role(given.get("role", "unknown"))
-    except ValueError:
-        roles = ", ".join(role.value for role in Role)
-        raise UsageError(f"{where}.role {given['role']!r} is none of: {roles}") from None
-    return PointDescription(
-        name=name,
-        at=given["at"],
-        role=role,
-        unit=given.get("unit"),
-        meaning=given.get("meaning", ""),
-        scale=_number(given, "scale", 1.0, where),
-        minimum=limits.get("min"),
-        maximum=limits.get("max"),
-    )
+    said: dict[str, Any] = {key: given[key] for key in ("unit", "meaning") if key in given}
+    if "role" in given:
+        try:
+            said["role"] = Role(given["role"])
+        except ValueError:
+            roles = ", ".join(role.value for role in Role)
+            raise UsageError(f"{where}.role {given['role']!r} is none of: {roles}") from None
+    if "scale" in given:
+        said["scale"] = _number(given, "scale", 1.0, where)
+    for key, limit in (("min", "minimum"), ("max", "maximum")):
+        if key in limits:
+            said[limit] = limits[key]
+    known = _known_there(given["at"], profile)
+    if known is None:
+        return PointDescription(name=name, at=given["at"], **said)
+    at = known.at if known.name == given["at"] else given["at"]
+    return replace(known, name=name, at=at, **said)
+
+
+def _known_there(at: str, profile: Profile) -> PointDescription | None:
+    """What the profile knows of the same place, by its name or its number: its role above all."""
+    place = at.partition(":")[0].lower()
+    for item in profile.points.values():
+        if at == item.name or place == item.at.partition(":")[0].lower():
+            return item
+    return None
 
 
 def _number(given: dict[str, Any], key: str, default: float, where: str) -> float:

@@ -14,6 +14,7 @@ from multidrop.errors import UsageError
 from multidrop.io.connection import line_settings
 from multidrop.naming import LineOptions, parse_simulated
 from multidrop.plantfile import load_plant
+from multidrop.profile import Profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import LATE, RandomFaults, parse_fault
@@ -63,9 +64,7 @@ def simulate(
     rates = dict(parse_fault(text) for text in faults)
     served = []
     for where, line in lines:
-        settings = line_settings(
-            PROTOCOLS[line.protocol], load_profile(line.profile), LineOptions(baud=baud)
-        )
+        settings = line_settings(PROTOCOLS[line.protocol], line.profile, LineOptions(baud=baud))
         character = settings.character if pace else 0.0
         line.simulated.pace = Pace(character, burst / 1000, delay / 1000)
         line.simulated.faults = LineFaults(RandomFaults(rates, seed), late, echo)
@@ -76,9 +75,9 @@ def simulate(
 class _Planned:
     """A line to simulate, and the profile whose settings it has."""
 
-    def __init__(self, devices: list[tuple[str, int, str | None]]) -> None:
+    def __init__(self, devices: list[tuple[Profile, int, str | None]]) -> None:
         self.profile = devices[0][0]
-        protocols = {load_profile(profile).protocol for profile, _, _ in devices}
+        protocols = {profile.protocol for profile, _, _ in devices}
         if len(protocols) > 1:
             raise UsageError(
                 f"one line has one protocol, these have {' and '.join(sorted(protocols))}"
@@ -96,7 +95,13 @@ class _Planned:
 def _named(devices: tuple[str, ...], listen: str | None) -> list[tuple[str, _Planned]]:
     if listen is None:
         raise UsageError("where? --listen tcp://127.0.0.1:4001 or --listen pty:/tmp/drive")
-    return [(listen, _Planned([parse_simulated(text) for text in devices]))]
+    named = [parse_simulated(text) for text in devices]
+    return [
+        (
+            listen,
+            _Planned([(load_profile(name), address, behind) for name, address, behind in named]),
+        )
+    ]
 
 
 def _of_plant(file: str) -> list[tuple[str, _Planned]]:
@@ -104,7 +109,7 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
     lines = []
     for line, port in plant.lines.items():
         devices = [
-            (device.device.profile, device.device.address or 0, device.behind)
+            (device.profile, device.device.address or 0, device.behind)
             for device in plant.devices.values()
             if device.line == line
         ]

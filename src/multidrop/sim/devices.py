@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any
 
 from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
+from multidrop.profile import Profile
 from multidrop.sim.line import SimulatedDevice
 
 _MODULES = {  # protocol -> module with `simulated`
@@ -17,11 +17,13 @@ _MODULES = {  # protocol -> module with `simulated`
 }
 
 
-def simulated_device(profile: str, address: int, behind: str | None = None) -> SimulatedDevice:
+def simulated_device(
+    profile: str | Profile, address: int, behind: str | None = None
+) -> SimulatedDevice:
     """A device with default values at `address`. Raises `UsageError` for an unknown profile."""
-    found = load_profile(profile)
-    protocol = found.protocol
-    if protocol not in _MODULES:
-        raise UsageError(f"there is no simulated {profile}")
-    make: Callable[[Any, Any, Any], SimulatedDevice] = import_module(_MODULES[protocol]).simulated
+    found = load_profile(profile) if isinstance(profile, str) else profile
+    if found.protocol not in _MODULES:
+        raise UsageError(f"there is no simulated {found.name}")
+    module = import_module(_MODULES[found.protocol])
+    make: Callable[[Profile, int, str | None], SimulatedDevice] = module.simulated
     return make(found, address, behind)

@@ -16,6 +16,7 @@ from multidrop.protocols.slink3.messages import (
     StandardParameter,
     TypedParameter,
 )
+from multidrop.protocols.slink3.points import parse_point
 from multidrop.protocols.slink3.slave import Reply, Request
 from multidrop.protocols.slink3.status import (
     ACTUAL_SPEED,
@@ -235,8 +236,29 @@ def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedSl
             f"{profile.name} has no {behind} behind it; flexmax+dgfc386 and dgfc386+flexmax exist"
         )
     if dialect == AX_V.name:
-        return ax_v(address)
-    if dialect == DGFC386.name:
-        return dgfc386(address, FlexMax(address) if behind else None)
-    card = dgfc386(address) if behind else None
-    return FlexMax(address, card, SLINK3 if dialect == SLINK3.name else FLEXMAX)
+        slave = ax_v(address)
+    elif dialect == DGFC386.name:
+        slave = dgfc386(address, FlexMax(address) if behind else None)
+    else:
+        card = dgfc386(address) if behind else None
+        slave = FlexMax(address, card, SLINK3 if dialect == SLINK3.name else FLEXMAX)
+    _add_described(slave, profile)
+    return slave
+
+
+def _add_described(slave: SimulatedSlave, profile: Profile) -> None:
+    """Points that a plant file or a profile of one's own adds: they begin with 0, or their default."""
+    for name, item in profile.points.items():
+        point = parse_point(name, profile, slave.slave.dialect)
+        where = (point.index, point.subindex or 0)
+        if point.destination or where in slave.parameters.known:
+            continue
+        type_code = point.type_code or Format.SHORT_INT
+        text = type_code in (Format.STRING, Format.OCTET_STRING)
+        slave.parameters.known[where] = Parameter(
+            type_code,
+            "" if text else item.unscaled(item.default or 0),
+            None if item.minimum is None else float(item.unscaled(item.minimum)),
+            None if item.maximum is None else float(item.unscaled(item.maximum)),
+            read_only="w" not in item.access,
+        )

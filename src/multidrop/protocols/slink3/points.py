@@ -210,6 +210,8 @@ def _with_description(
     type_code = point.type_code
     if type_code is None or (point.standard and type_code is Format.VOID):
         type_code = known.type_code
+    if point.standard and point.index == CONTROL_WORD:  # whatever a profile of one's own calls it
+        description = replace(description, role=Role.COMMAND)
     return _typed(replace(point, type_code=type_code, description=description))
 
 
