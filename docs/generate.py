@@ -16,10 +16,12 @@ import click
 from multidrop.catalog import load_profile, profile_names
 from multidrop.cli.main import COMMANDS, cli
 from multidrop.profile import PointDescription, Profile
+from multidrop.protocols import PROTOCOLS
 
 DOCS = Path(__file__).resolve().parent
 PROFILES = Path("reference/profiles")
 COMMAND_LINE = Path("reference/command-line.md")
+MANY = 20  # points that begin alike have a table of their own
 SHARED = {"json", "trace", "profile", "config", "help"}  # options that most commands have
 
 
@@ -40,7 +42,6 @@ def pages() -> dict[Path, str]:
 def _announced() -> list[str]:
     """Profiles whose protocol the program speaks."""
     from multidrop.errors import UsageError
-    from multidrop.protocols import PROTOCOLS
 
     found = []
     for name in profile_names():
@@ -96,19 +97,46 @@ def _profile(profile: Profile) -> str:
 
 
 def _points(profile: Profile) -> list[str]:
-    points = list(profile.points.values())
-    columns = {
-        head: [cell(point) for point in points]
-        for head, cell in COLUMNS.items()
-        if any(cell(point) for point in points)
+    """One table, or several with a heading where points are numbered (loop0_..., ai3_...)."""
+    groups: dict[str, list[PointDescription]] = {}
+    for point in profile.points.values():
+        groups.setdefault(_group(point, profile), []).append(point)
+    lines = _points_table(groups.pop("", []), profile)
+    for group, points in groups.items():
+        lines += ["", f"## {group}", "", *_points_table(points, profile)]
+    return lines
+
+
+def _group(point: PointDescription, profile: Profile) -> str:
+    """`loop0` where many points begin so, `ai` for ai0_... to ai8_..., nothing for all others."""
+    first = point.name.partition("_")[0]
+    if not first[-1].isdigit():
+        return ""
+    alike = sum(name.startswith(f"{first}_") for name in profile.points)
+    return first if alike >= MANY else first.rstrip("0123456789")
+
+
+def _points_table(points: list[PointDescription], profile: Profile) -> list[str]:
+    if not points:
+        return []
+    rows = {
+        "name": [f"`{point.name}`" for point in points],
+        "point": [f"`{point.at}`" for point in points],
+        "type": [_type(point, profile) for point in points],
+        **{head: [cell(point) for point in points] for head, cell in COLUMNS.items()},
     }
+    columns = {head: cells for head, cells in rows.items() if any(cells)}
     return _table(list(columns), list(zip(*columns.values(), strict=True)))
 
 
-def _type(point: PointDescription) -> str:
+def _type(point: PointDescription, profile: Profile) -> str:
+    """The type with length and elements; the protocol's where the point's own text has none."""
+    name = point.type
+    if name is None and ":" not in point.at:
+        name = PROTOCOLS[profile.protocol].device(0, profile, {}).point(point.name).type
     length = f"{point.length} characters" if point.length else ""
     elements = f"{point.elements} elements" if point.elements else ""
-    return ", ".join(filter(None, (point.type, length, elements)))
+    return ", ".join(filter(None, (name, length, elements)))
 
 
 def _limits(point: PointDescription) -> str:
@@ -130,11 +158,9 @@ def _meaning_of(point: PointDescription) -> str:
 
 
 COLUMNS: dict[str, Callable[[PointDescription], str]] = {
-    "name": lambda point: f"`{point.name}`",
-    "point": lambda point: f"`{point.at}`",
-    "type": _type,
     "role": lambda point: point.role.value,
     "access": lambda point: point.access,
+    "functions": lambda point: point.functions,
     "limits": _limits,
     "default": lambda point: "" if point.default is None else str(point.default),
     "unit": lambda point: point.unit or "",
@@ -143,7 +169,9 @@ COLUMNS: dict[str, Callable[[PointDescription], str]] = {
     "values": _values,
     "source": lambda point: point.source,
 }
-"""What a profile page shows of a point; a column that is empty for all of them is left away."""
+"""What a profile page shows of a point behind name, point and type.
+
+A column that is empty for a whole table is left away."""
 
 
 # -- options ---------------------------------------------------------------------------------
