@@ -154,8 +154,8 @@ class BaseConnection:
         """Log what was sent, and raise: a line or a caller that was lost leaves the outcome open."""
         if acted:
             reason = str(why) or "interrupted"
-            applied = isinstance(why, DeviceError | NotApplied)
-            outcome = Outcome.NOT_APPLIED if applied else Outcome.UNKNOWN
+            refused = isinstance(why, DeviceError | NotApplied)
+            outcome = Outcome.NOT_APPLIED if refused else Outcome.UNKNOWN
             self.audit.append(self.name, service.what, outcome=outcome.value, error=reason)
             if isinstance(why, KeyboardInterrupt | PortError):
                 raise OutcomeUnknown(
