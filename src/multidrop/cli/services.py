@@ -72,7 +72,8 @@ def action(common: Common, device: str, name: str | None) -> None:
     worked_out = acting(target.device())
     if name is None:
         for known, meaning in worked_out.actions.items():
-            click.echo(f"{known:<20} {meaning}")
+            found = Report({"action": known, "meaning": meaning}, (f"{known:<20} {meaning}",))
+            _show(common, str(target.name), found)
         return
     worked_out.prepare_action(name)
     common.confirm(f"{name} of {device} may move or change the machine. Do it?", needs_yes=True)

@@ -13,7 +13,7 @@ from multidrop.cli.options import Common, common
 from multidrop.device import Write
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable, shown
-from multidrop.io.connection import Connection
+from multidrop.io.connection import Connection, keeping
 from multidrop.points import Role, shown_value
 from multidrop.writing import Outcome, Written
 
@@ -39,6 +39,8 @@ def write(
     """Write each POINT=VALUE of DEVICE in the order given, and read it back."""
     target = common.target(device)
     worked_out = target.device()
+    if nv:
+        keeping(worked_out)
     pairs = [parse_assignment(text) for text in assignments]
     writes = [
         worked_out.prepare_write(f"{point}@nv" if nv else point, value, force=common.force)
@@ -125,22 +127,17 @@ def as_line(device: str, record: Written) -> str:
 
 
 def show_record(record: Written) -> None:
-    unit = f" {record.point.unit}" if record.point.unit else ""
+    point = record.point
+    unit = f" {point.unit}" if point.unit else ""
+    old = None if record.old is None else shown_value(point.physical(record.old.value))
     if record.error is None and record.outcome is not Outcome.NOT_SENT:
-        old = (
-            "?" if record.old is None else shown_value(shown(record.old, record.point.description))
-        )
-        found = shown_value(
-            shown(record.found, record.point.description) if record.found else record.asked
-        )
-        click.echo(f"{record.point!s:<32} {old} -> {found}{unit}   {record.outcome.value}")
+        found = record.asked if record.found is None else point.physical(record.found.value)
+        known = "?" if old is None else old
+        click.echo(f"{point!s:<32} {known} -> {shown_value(found)}{unit}   {record.outcome.value}")
         return
-    old = (
-        ""
-        if record.old is None
-        else f"{shown_value(shown(record.old, record.point.description))} -> "
-    )
-    asked = "?" if old and record.outcome is Outcome.UNKNOWN else shown_value(record.asked)
-    click.echo(f"{record.point!s:<32} {old}{asked}{unit}   {record.outcome.value}")
+    unsure = old is not None and record.outcome is Outcome.UNKNOWN
+    asked = "?" if unsure else shown_value(record.asked)
+    change = asked if old is None else f"{old} -> {asked}"
+    click.echo(f"{point!s:<32} {change}{unit}   {record.outcome.value}")
     if record.error is not None:
-        report_failure(record.error, str(record.point))
+        report_failure(record.error, str(point))
