@@ -47,7 +47,8 @@ def reset_comm(common: Common, device: str) -> None:
 
 @click.command(
     epilog="Example: multidrop raw flexmax:0@/dev/ttyUSB0 23 00 (SLINK3: COMMAND low, COMMAND "
-    "high, DATA; dgfc/CDAB1122 goes to the card behind a drive)"
+    "high, DATA; dgfc/CDAB1122 goes to the card behind a drive). Datalink: E0 09 00 10 (CMD, NUM, LO ADD, "
+    "HI ADD, data). Ultra3000: 0730 (parameter, function, data)"
 )
 @click.argument("device")
 @click.argument("body", nargs=-1, required=True, metavar="HEX...")

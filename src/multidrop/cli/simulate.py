@@ -54,6 +54,8 @@ def simulate(
 ) -> None:
     """Simulate devices on a line: a plant file's, or those named, with default values.
 
+    flexmax:1+dgfc386 has a card behind it, 53mc5000:3+port is on its configuration port.
+
     Faults: no-answer late-answer wrong-checksum cut-short noise other-slave wrong-sequence.
     """
     if min(burst, delay, late) < 0:
