@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from math import isfinite
 from types import TracebackType
 from typing import Any, Self
 
@@ -22,11 +23,11 @@ def sparkline(values: Sequence[float], width: int = TREND) -> str:
     shown = list(values)[-width:]
     if not shown:
         return ""
-    low, high = min(shown), max(shown)
+    low, high = min(shown) / 2, max(shown) / 2  # halves: the span of the largest floats overflows
     span = high - low
     if not span:
         return BARS[0] * len(shown)
-    return "".join(BARS[round((value - low) / span * (len(BARS) - 1))] for value in shown)
+    return "".join(BARS[round((value / 2 - low) / span * (len(BARS) - 1))] for value in shown)
 
 
 @dataclass
@@ -42,11 +43,11 @@ class Row:
 
     def show(self, value: Value, note: str = "", *, bad: bool = False) -> bool:
         """A new value; returns whether anything changed that a person would see."""
-        changed = (value, note, bad) != (self.value, self.note, self.bad)
+        before = self.text, self.note, self.bad
         self.value, self.note, self.bad = value, note, bad
-        if isinstance(value, int | float):
+        if isinstance(value, int | float) and isfinite(value):
             self.trend.append(float(value))
-        return changed
+        return before != (self.text, note, bad)
 
     def fail(self, why: str) -> bool:
         """The value could not be read: the old one is not shown as if it were true."""
