@@ -175,7 +175,11 @@ def test_what_is_left_of_a_frame_is_dropped_before_the_next_request() -> None:
     assert exchange.advance(b"", exchange.deadline) == b"(a)"
     assert session.counters.damaged == 1
     exchange.advance(b")", exchange.asked_at + 0.010)
-    assert not exchange.done
+    while not exchange.done:
+        exchange.advance(b"", exchange.deadline)
+    with pytest.raises(NoReply) as raised:
+        exchange.result()
+    assert raised.value.damaged == (b")",)
 
 
 # -- frames that nobody answers, and waiting ---------------------------------------------------
@@ -186,6 +190,16 @@ def test_nobody_answers_what_was_told() -> None:
     assert exchange.start(NOW) == b"(a)"
     assert exchange.done
     assert exchange.result() == "told"
+
+
+def test_what_was_told_is_a_request_like_others() -> None:
+    session = new_session()
+    exchange = Exchange(tell("a"), session)
+    exchange.start(NOW)
+    assert exchange.asked_at == NOW
+    session.drain(b"(a)(b)", NOW + 0.010)
+    assert (session.counters.requests, session.counters.answers) == (1, 0)
+    assert (session.counters.echoes, session.counters.foreign) == (1, 1)
 
 
 def test_the_next_request_waits_for_the_end_of_what_was_told() -> None:
@@ -299,6 +313,34 @@ def test_what_came_before_a_request_does_not_answer_it() -> None:
     assert session.counters.foreign == 1
     exchange.advance(b"(B)", NOW + 0.020)
     assert exchange.result() == "AB"
+
+
+def test_what_comes_between_two_attempts_answers_neither(exchange: Exchange[Word, str]) -> None:
+    exchange.start(NOW)
+    limit = exchange.deadline
+    exchange.advance(b"(Z)", limit - 0.001)
+    assert exchange.advance(b"", limit) == b""  # the line must rest until 1 ms later
+    assert exchange.advance(b"(A)", limit + 0.0005) == b""
+    assert not exchange.done
+    sent = b""
+    while not sent:
+        sent = exchange.advance(b"", exchange.deadline)
+    assert exchange.asked_at == pytest.approx(limit + 0.0005 + TIMING.gap)
+
+
+def test_a_line_that_begins_to_babble_is_given_up_on_as_if_nothing_was_sent(
+    exchange: Exchange[Word, str],
+) -> None:
+    exchange.start(NOW)
+    given_up = exchange.deadline
+    exchange.advance(b"", given_up - 0.001)
+    now = given_up - 0.001
+    while not exchange.done:
+        exchange.advance(b"x", now)
+        now += 0.001
+    assert now - given_up == pytest.approx(TIMING.answer, abs=0.01)
+    with pytest.raises(NoReply, match="the line never fell silent in 1 attempt"):
+        exchange.result()
 
 
 def test_what_the_port_marked_as_wrong_is_not_believed(exchange: Exchange[Word, str]) -> None:
