@@ -14,8 +14,13 @@ from multidrop.protocols import PROTOCOLS, slink3
 
 
 def slink3_frame(vector: dict[str, Any]) -> slink3.Frame:
-    fields = [vector[name] for name in ("address", "control", "order", "code")]
-    return slink3.Frame(*fields, bytes.fromhex(vector["data"]))
+    return slink3.Frame(
+        vector["address"],
+        vector["control"],
+        vector["order"],
+        vector["code"],
+        bytes.fromhex(vector["data"]),
+    )
 
 
 FRAMES: dict[str, Callable[[dict[str, Any]], Any]] = {"slink3": slink3_frame}
