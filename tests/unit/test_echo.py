@@ -49,12 +49,15 @@ def test_a_line_without_echo_has_none() -> None:
     assert (session.counters.echoes, session.counters.foreign) == (0, 1)
 
 
-def test_the_echo_of_what_nobody_answers_is_no_foreign_frame() -> None:
-    session = new_session()
+@pytest.mark.parametrize(("echo", "echoes", "foreign"), [(None, 1, 1), (True, 1, 1), (False, 0, 2)])
+def test_the_echo_of_what_nobody_waits_for_is_no_foreign_frame(
+    echo: bool | None, echoes: int, foreign: int
+) -> None:
+    session = new_session(echo=echo)
     exchange = asked(session)
     exchange.abandon(NOW)
     session.drain(b"(a)(a)", NOW + 0.010)
-    assert (session.counters.echoes, session.counters.foreign) == (1, 1)
+    assert (session.counters.echoes, session.counters.foreign) == (echoes, foreign)
 
 
 # -- requests that their right answer equals -----------------------------------------------------
