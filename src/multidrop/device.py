@@ -189,6 +189,10 @@ class ProtocolModule(Protocol):
     options: Mapping[str, str]
     """Keys of its own behind a device's name, and what they mean."""
 
+    def line_for(self, options: Mapping[str, str]) -> LineSettings:
+        """The line's settings with these options of the protocol's own. Raises `UsageError`."""
+        ...
+
     def decoder(self) -> Decoder[Any]: ...
     def device(self, address: int, profile: Profile, options: Mapping[str, str]) -> Device: ...
     def describe(self, frame: Any) -> str:

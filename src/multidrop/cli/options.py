@@ -82,7 +82,7 @@ class Common:
             return
         from multidrop.cli.trace import Trace
 
-        trace = Trace(target.protocol, sys.stderr)
+        trace = Trace(target.protocol, target.settings.decoder, sys.stderr)
         line.taps.append(trace)
         click.get_current_context().call_on_close(trace.finish)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import datetime
-from typing import TextIO
+from typing import Any, TextIO
 
+from multidrop.decoder import Decoder
 from multidrop.device import ProtocolModule
 from multidrop.events import Damaged
 
@@ -12,10 +14,13 @@ from multidrop.events import Damaged
 class Trace:
     """A tap on a line that writes one line a frame: `>` sent, `<` received, `!` damage."""
 
-    def __init__(self, protocol: ProtocolModule, out: TextIO) -> None:
+    def __init__(
+        self, protocol: ProtocolModule, new_decoder: Callable[[], Decoder[Any]], out: TextIO
+    ) -> None:
         self._protocol = protocol
+        self._new_decoder = new_decoder
         self._out = out
-        self._received = protocol.decoder()
+        self._received = new_decoder()
         self._last = 0.0
 
     def finish(self) -> None:
@@ -25,7 +30,7 @@ class Trace:
     def __call__(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
         if sent:
             self._show(self._received.silence(), "<", now)
-            decoder = self._protocol.decoder()
+            decoder = self._new_decoder()
             self._show(decoder.receive_data(data) + decoder.silence(), ">", now)
         elif damaged:
             self._show(self._received.line_error(data), "<", now)

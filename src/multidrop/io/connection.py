@@ -59,7 +59,7 @@ class Target:
 def line_settings(protocol: ProtocolModule, profile: Profile, options: LineOptions) -> LineSettings:
     """The protocol's settings, the profile's over them, and what the user set over both."""
     character = Format.parse(profile.format) if profile.format else None
-    settings = protocol.line.with_options(baud=profile.baud, format=character)
+    settings = protocol.line_for(options.own).with_options(baud=profile.baud, format=character)
     return settings.with_options(**options.line_settings())
 
 

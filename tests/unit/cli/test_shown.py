@@ -120,7 +120,7 @@ ANSWER = bytes.fromhex("01 02 00 0D 01 00 00 03 F1 03 7D 00 82")
 
 def traced(*events: Any) -> list[str]:
     out = io.StringIO()
-    trace = Trace(PROTOCOLS["slink3"], out)
+    trace = Trace(PROTOCOLS["slink3"], PROTOCOLS["slink3"].decoder, out)
     for event in events:
         trace(*event)
     trace.finish()

@@ -26,6 +26,10 @@ class Slink3:
     prepare_broadcast = staticmethod(prepare_broadcast)
 
     @staticmethod
+    def line_for(options: Mapping[str, str]) -> LineSettings:
+        return slink3.LINE  # no option of its own changes it
+
+    @staticmethod
     def from_master(frame: Frame) -> bool:
         return not frame.is_answer
 

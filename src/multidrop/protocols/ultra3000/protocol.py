@@ -23,5 +23,9 @@ class Ultra3000:
     from_master = staticmethod(from_master)
     prepare_broadcast = staticmethod(prepare_broadcast)
 
+    @staticmethod
+    def line_for(options: Mapping[str, str]) -> LineSettings:
+        return ultra3000.LINE  # no option of its own changes it
+
 
 __all__ = ["Ultra3000"]
