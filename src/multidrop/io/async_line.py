@@ -79,31 +79,25 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
 
     async def _carry_out(self, conversation: Conversation[Any, ResultT]) -> Exchange[Any, ResultT]:
         """The exchange when it is done, in its turn."""
-        acted = False
+        exchange = Exchange(conversation, self._session)
         try:
-            async with self._turn:
+            await self._turn.acquire()
+            try:
                 if self._lost is not None:
                     raise self._lost
-                exchange = Exchange(conversation, self._session)
-                try:
-                    await self._exchanged(exchange)
-                finally:
-                    acted = exchange.acted
+                self._exchange = exchange
+                self._finished = self._loop.create_future()
+                self._send(exchange, exchange.start(self._now()))
+                await self._finished
+            except BaseException:
+                exchange.abandon(self._now())
+                raise
+            finally:
+                self._exchange = None
+                self._turn.release()
         finally:
-            self.acted = acted
+            self.acted = exchange.acted
         return exchange
-
-    async def _exchanged(self, exchange: Exchange[Any, Any]) -> None:
-        self._exchange = exchange
-        self._finished = self._loop.create_future()
-        try:
-            self._send(exchange, exchange.start(self._now()))
-            await self._finished
-        except BaseException:
-            exchange.abandon(self._now())
-            raise
-        finally:
-            self._exchange = None
 
     # -- what the loop calls -----------------------------------------------------------------
 
