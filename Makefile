@@ -6,21 +6,27 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
+PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wildcard tests/unit/test_*.py)
+WORLD := tests/integration tests/soak tests/unit/io tests/unit/sim tests/unit/cli tests/test_architecture.py
+
 .PHONY: demo test check soak bench fuzz docs clean
 
 demo: .venv/base
 	@$(BIN)/multidrop demo
 
+# The pure floors' own tests must reach every branch of them; the world's tests run side by side.
 test: check .venv/dev
-	$(BIN)/python -bb -m coverage run -m pytest
+	$(BIN)/python -bb -m coverage run -m pytest $(PURE)
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
-	    --omit='src/multidrop/__init__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
+	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
+	$(BIN)/python -bb -m pytest -n 2 --dist loadfile $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/python docs/generate.py --check
 
 # The same tests with 100,000 generated cases and 10,000 transactions on a faulty wire.
 soak: .venv/dev
@@ -30,10 +36,12 @@ bench: .venv/bench
 	$(BIN)/python bench/run.py
 
 fuzz: .venv/fuzz
-	$(BIN)/python fuzz/fuzz_slink3.py -max_total_time=600
+	for name in slink3 datalink ultra3000; do $(BIN)/python fuzz/fuzz_$$name.py -max_total_time=600 || exit 1; done
 
+# The generated pages, and the output that the pages show.
 docs: .venv/dev
 	$(BIN)/python docs/generate.py
+	$(BIN)/python docs/outputs.py
 
 .venv/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
