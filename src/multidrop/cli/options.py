@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 CONFIG, CONFIG_ENVIRONMENT = "multidrop.toml", "MULTIDROP_CONFIG"
-_OWN_KEYS = ("broadcast", "stuffing", "settle")  # of protocols; refused where they do not exist
+_OWN_KEYS = {  # of protocols; refused where they do not exist
+    "broadcast": "broadcast address (slink3, ultra3000)",
+    "stuffing": "on or off: byte stuffing (datalink)",
+    "settle": "s that an instrument has to show a change (datalink)",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,10 +138,8 @@ def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], Com
 
 def _decorated(command: Any, force: str, writes: bool) -> Any:
     for key in reversed((*LINE_KEYS, *_OWN_KEYS)):
-        text = LINE_KEYS.get(key, "")
-        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=text, hidden=not text)(
-            command
-        )
+        text = {**LINE_KEYS, **_OWN_KEYS}[key]
+        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=text)(command)
     command = click.option(
         "--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}"
     )(command)

@@ -89,8 +89,11 @@ class _Planned:
             if addresses.count(address) > 1:
                 raise UsageError(f"address {address} is used twice on one line")
         self.protocol = protocols.pop()
+        settings = PROTOCOLS[self.protocol].line
         self.simulated = SimulatedLine(
-            [simulated_device(*device) for device in devices], PROTOCOLS[self.protocol].line.decoder
+            [simulated_device(*device) for device in devices],
+            settings.decoder,
+            character=settings.character,
         )
 
 

@@ -14,8 +14,8 @@ SCAN = 0.1  # s
 LOOPS = 4
 TIME_CONSTANT = 5.0  # s of the simulated process
 PROCESS_GAIN = 0.9  # of the span, at full output
-MOST_SCANS = 600
-"""A memory that nobody looked at for long catches up with its last minute."""
+MOST_SCANS = 20
+"""So many a controller catches up with at most, where nobody let it scan for long."""
 
 C_STEP, L_STEP = 36, 24  # points from one loop to the next
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from multidrop.decoder import Decoder
 from multidrop.events import Damaged, FrameReceived
@@ -27,6 +27,19 @@ class SimulatedDevice(Protocol):
     def disguise(self, answer: bytes, fault: Fault) -> bytes:
         """The answer as another slave, or with another sequence number, would send it."""
         ...
+
+
+@runtime_checkable
+class Living(Protocol):
+    """A simulated device in which something happens by itself."""
+
+    def advance(self, now: float) -> None:
+        """Let it happen until `now`."""
+        ...
+
+
+TICK = 0.1
+"""s between two looks at what happens by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +65,12 @@ class LineFaults:
 
 
 class SimulatedLine:
-    """The devices of one line, and the wire that they share."""
+    """The devices of one line, and the wire that they share.
+
+    `character` is the time of one at the line's baud rate. Also where bytes take
+    no time, an answer that equals its request is not sent before the request
+    could have left the wire: a master would rightly take it for an echo.
+    """
 
     def __init__(
         self,
@@ -60,6 +78,7 @@ class SimulatedLine:
         decoder: Callable[[], Decoder[Any]],
         *,
         silence: float = 0.3,
+        character: float = 0.0,
         pace: Pace | None = None,
         faults: LineFaults | None = None,
     ) -> None:
@@ -67,8 +86,17 @@ class SimulatedLine:
         self.pace = pace or Pace()
         self.faults = faults or LineFaults(NoFaults())
         self.silence = silence
+        self.character = character
+        self._living = [device for device in self.devices if isinstance(device, Living)]
+        self.tick_at = 0.0 if self._living else FOREVER  # when something happens by itself
         self.free_at = 0.0  # when the last byte on its way has passed
         self._decoder = decoder
+
+    def tick(self, now: float) -> None:
+        """Let happen what happens by itself."""
+        for device in self._living:
+            device.advance(now)
+        self.tick_at = now + TICK
 
     def attach(self) -> Connection:
         """Another master's end of the line: each hears the answers to its own requests."""
@@ -95,9 +123,12 @@ class Connection:
 
     @property
     def deadline(self) -> float:
-        return min(self._waiting[0][0] if self._waiting else FOREVER, self._cut_at)
+        due = self._waiting[0][0] if self._waiting else FOREVER
+        return min(due, self._cut_at, self._line.tick_at)
 
     def send(self, now: float) -> bytes:
+        if now >= self._line.tick_at:
+            self._line.tick(now)
         if now >= self._cut_at:
             self._cut_at = FOREVER
             self._answer(self._decoder.silence(), now)
@@ -115,7 +146,10 @@ class Connection:
         line = self._line
         for device in line.devices:
             for answer in device.receive(events, now):
-                self._reply(device, answer, now + line.pace.answer_delay)
+                at = now + line.pace.answer_delay
+                if not line.pace.character and any(answer == event.raw for event in events):
+                    at += len(answer) * line.character
+                self._reply(device, answer, at)
 
     def _reply(self, device: SimulatedDevice, answer: bytes, at: float) -> None:
         faults = self._line.faults
