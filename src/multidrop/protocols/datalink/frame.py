@@ -13,13 +13,16 @@ LRC know nothing of it. An instrument can have this switched off.
 
 from __future__ import annotations
 
+import re
 import struct
 from enum import IntEnum
 from typing import ClassVar, NamedTuple
+from zlib import adler32
 
 from multidrop.checksums import sum8
-from multidrop.decoder import Decoder, ReadFront
+from multidrop.decoder import Decoder
 from multidrop.errors import UsageError
+from multidrop.events import Damaged, FrameReceived
 
 SOH = 0x7E
 OVERHEAD = 6  # bytes of a frame without data; Acknowledge has 2
@@ -46,6 +49,10 @@ _ACKNOWLEDGE = Command.ACKNOWLEDGE
 _HEAD = struct.Struct("<BBH")  # CMD+I.A., NUM, address low byte first
 _STUFFED = b"\x7e\x00"
 _LITERAL = b"\x7e"
+_BEHIND_SOH = rb"[\s\S]?[^~]*(?:~\0[^~]*)*"  # ~ is 7Eh
+_TO_NEXT_SOH = re.compile(_BEHIND_SOH).match
+_FROM_SOH_TO_SOH = re.compile(rb"~" + _BEHIND_SOH).findall
+_new = tuple.__new__
 
 
 class _Fields(NamedTuple):
@@ -139,69 +146,80 @@ class UnstuffedFrame(Frame):
 
 def read_front(buffer: bytes, at: int) -> tuple[Frame, int] | str | None:
     """The frame that starts at `buffer[at]` and its size, why none does, or None for "more"."""
-    size = _plain_size(buffer, at)
-    if not isinstance(size, int):
-        return size
-    end = at + size
-    literal = buffer.find(_LITERAL, at + 1, end)
-    if literal < 0:
-        return _frame(Frame, buffer[at + 1 : end], size) if end <= len(buffer) else None
-    while literal >= 0:
-        if literal + 1 == len(buffer):
-            return None
-        if buffer[literal + 1]:
-            return f"a new SOH after {literal - at} bytes"
-        end += 1
-        literal = buffer.find(_LITERAL, literal + 2, end)
-    if end > len(buffer):
-        return None
-    return _frame(Frame, buffer[at + 1 : end].replace(_STUFFED, _LITERAL), end - at)
+    if buffer[at] != SOH:
+        return "no SOH"
+    to_next = _TO_NEXT_SOH(buffer, at + 1)
+    assert to_next is not None
+    end = to_next.end()
+    body = buffer[at + 1 : end].replace(_STUFFED, _LITERAL)
+    found = _read_body(Frame, body)
+    if type(found) is tuple:
+        frame, size = found
+        return frame, size + body.count(_LITERAL, 0, size - 1)
+    if found is None and end + 1 < len(buffer):  # a 7Eh that ends the buffer may be a stuffed one
+        return f"a new SOH after {end - at} bytes"
+    return found
 
 
 def read_front_unstuffed(buffer: bytes, at: int) -> tuple[Frame, int] | str | None:
     """The same where 7Eh may stand anywhere and nothing is inserted: NUM alone says the size."""
-    size = _plain_size(buffer, at)
-    if not isinstance(size, int):
-        return size
-    end = at + size
-    return _frame(UnstuffedFrame, buffer[at + 1 : end], size) if end <= len(buffer) else None
-
-
-def _plain_size(buffer: bytes, at: int) -> int | str | None:
-    """Bytes of the frame at `buffer[at]` without inserted ones, why there is none, or None."""
     if buffer[at] != SOH:
         return "no SOH"
-    left = len(buffer) - at
-    if left < 2:
+    return _read_body(UnstuffedFrame, buffer[at + 1 : at + OVERHEAD + MOST_DATA])
+
+
+def _read_body(kind: type[Frame], body: bytes) -> tuple[Frame, int] | str | None:
+    """The frame of the bytes behind SOH, without inserted ones, and its size with SOH."""
+    if not body:
         return None
-    command = _COMMANDS.get(buffer[at + 1] & _COMMAND_BITS)
+    head = body[0]
+    command = _COMMANDS.get(head & _COMMAND_BITS)
     if command is None:
-        return f"no command {buffer[at + 1]:02X}h"
+        return f"no command {head:02X}h"
     if command is _ACKNOWLEDGE:
-        return 2
-    if left < 3:
+        return _new(kind, (command, head & _ADDRESS_BITS, 0, 0, b"")), 2
+    if len(body) < 2:
         return None
-    count = buffer[at + 2]
+    count = body[1]
     if count > MOST_DATA:
         return f"NUM {count}, over {MOST_DATA}"
-    return OVERHEAD if command is _INTERROGATE else OVERHEAD + count
-
-
-def _frame(kind: type[Frame], body: bytes, size: int) -> tuple[Frame, int] | str:
-    """The frame whose bytes behind SOH, without inserted ones, are `body`."""
-    head = body[0]
-    command = _COMMANDS[head & _COMMAND_BITS]
-    if command is _ACKNOWLEDGE:
-        return tuple.__new__(kind, (command, head & _ADDRESS_BITS, 0, 0, b"")), size
+    size = OVERHEAD if command is _INTERROGATE else OVERHEAD + count
+    if len(body) < size - 1:
+        return None
+    body = body[: size - 1]
     lrc = body[-1]
-    if (sum(body) - lrc) & 0xFF != lrc:
+    if (adler32(body) - 1 - 2 * lrc) & 0xFF:
         return f"LRC {lrc:02X}h, computed {sum8(body[:-1]):02X}h"
-    return tuple.__new__(
-        kind, (command, head & _ADDRESS_BITS, body[2] | body[3] << 8, body[1], body[4:-1])
-    ), size
+    fields = (command, head & _ADDRESS_BITS, body[2] | body[3] << 8, count, body[4:-1])
+    return _new(kind, fields), size
+
+
+def read_frames(buffer: bytes) -> tuple[list[FrameReceived[Frame] | Damaged], bytes]:
+    """The frames at the front of the buffer, one close behind the other, and what is left."""
+    events: list[FrameReceived[Frame] | Damaged] = []
+    if buffer[:1] != _LITERAL:
+        return events, buffer
+    size = 0
+    for raw in _FROM_SOH_TO_SOH(buffer):
+        body = raw[1:].replace(_STUFFED, _LITERAL)
+        found = _read_body(Frame, body)
+        if type(found) is not tuple or found[1] <= len(body):
+            break
+        events.append(_new(FrameReceived, (found[0], raw)))
+        size += len(raw)
+    return events, buffer[size:]
+
+
+class _Decoder(Decoder[Frame]):
+    """Frames without damage between them take a short way: two thirds of the time."""
+
+    def receive_data(self, data: bytes) -> list[FrameReceived[Frame] | Damaged]:
+        if self._dropped:
+            return super().receive_data(data)
+        events, self._buffer = read_frames(self._buffer + data)
+        return events + super().receive_data(b"") if self._buffer else events
 
 
 def decoder(stuffing: bool = True) -> Decoder[Frame]:
     """A receive loop for Datalink: `receive_data(bytes)` and `silence()` return events."""
-    front: ReadFront[Frame] = read_front if stuffing else read_front_unstuffed
-    return Decoder(front)
+    return _Decoder(read_front) if stuffing else Decoder(read_front_unstuffed)

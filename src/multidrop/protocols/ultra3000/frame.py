@@ -29,12 +29,36 @@ REFUSED = 0x800  # added to the parameter in a refusal (page 1-3)
 READS = frozenset({0x0, 0x2, 0x6, 0x8, 0x9, 0xA, 0xB})
 """The functions whose answer holds a value."""
 
-_FRAME = re.compile(rb"\n?:(([0-9A-F]{6})([0-9A-F]{0,%d}))([0-9A-F]{2})\r" % MOST_DATA).match
+_FIELDS = rb":([0-9A-F]{6})([0-9A-F]{0,%d})([0-9A-F]{2})\r" % MOST_DATA
+_FRAME = re.compile(rb"\n?(" + _FIELDS + rb")").match
+_FRAMES = re.compile(rb"(" + _FIELDS + rb"|[\s\S]+)").findall  # and what is left, without fields
+_BEGUN = re.compile(rb":[0-9A-F]{0,%d}" % (LONGEST - 2)).fullmatch
 _DIGITS = re.compile(rb"[0-9A-F]*").match
 _DATA = re.compile(r"[0-9A-F]*").fullmatch
+_new = tuple.__new__
 
 # adler32 holds the sum of the bytes plus one in its low half, and takes half the time of sum().
-_CHECK = {b"%02X" % value: value - 1 for value in range(256)}
+# For each checksum: what brings that of a frame, from colon to carriage return, to 0.
+_CHECK = {
+    digits: int(digits, 16) - sum(b":" + digits + b"\r") - 1
+    for digits in (b"%02X" % value for value in range(256))
+}
+
+
+class _Heads(dict[bytes, tuple[int, int, int]]):
+    """Address, parameter and function of six digits: on one line there are few, again and again."""
+
+    MOST = 4096
+
+    def __missing__(self, digits: bytes) -> tuple[int, int, int]:
+        if len(self) == self.MOST:
+            self.clear()
+        number = int(digits, 16)
+        found = self[digits] = number >> 16, number >> 4 & 0xFFF, number & 0xF
+        return found
+
+
+_HEADS = _Heads()
 
 
 class _Fields(NamedTuple):
@@ -116,12 +140,26 @@ def read_front(buffer: bytes, at: int) -> tuple[Frame, int] | str | None:
     found = _FRAME(buffer, at)
     if found is None:
         return _why_not(buffer, at)
-    text, head, data, check = found.groups()
-    if adler32(text) + _CHECK[check] & 0xFF:
-        return f"checksum {check.decode()}h, computed {negated_sum8(text):02X}h"
-    fields = int(head, 16)
-    frame = tuple.__new__(Frame, (fields >> 16, fields >> 4 & 0xFFF, fields & 0xF, data.decode()))
-    return frame, found.end() - at
+    raw, head, data, check = found.groups()
+    if adler32(raw) + _CHECK[check] & 0xFF:
+        return f"checksum {check.decode()}h, computed {negated_sum8(head + data):02X}h"
+    return _new(Frame, _HEADS[head] + (data.decode(),)), found.end() - at
+
+
+def read_frames(buffer: bytes) -> tuple[list[FrameReceived[Frame] | Damaged], bytes]:
+    """The frames at the front of the buffer, one close behind the other, and what is left.
+
+    Half of `read_front`'s time for each. No frames where the checksum of one is wrong.
+    """
+    found = _FRAMES(buffer)
+    left = found.pop()[0] if found and not found[-1][3] else b""
+    for raw, _, _, check in found:
+        if adler32(raw) + _CHECK[check] & 0xFF:
+            return [], buffer
+    return [
+        _new(FrameReceived, (_new(Frame, _HEADS[head] + (data.decode(),)), raw))
+        for raw, head, data, _ in found
+    ], left
 
 
 def _why_not(buffer: bytes, at: int) -> str | None:
@@ -144,7 +182,10 @@ def _why_not(buffer: bytes, at: int) -> str | None:
 
 
 class _Decoder(Decoder[Frame]):
-    """A line feed behind a frame is skipped: it is no damage, and nobody waits for more of it."""
+    """A line feed behind a frame is skipped: it is no damage, and nobody waits for more of it.
+
+    Frames without damage or line feeds between them take a short way.
+    """
 
     _behind_frame = False
 
@@ -157,7 +198,12 @@ class _Decoder(Decoder[Frame]):
         return self._behind_frame and self._buffer == b"\n"
 
     def receive_data(self, data: bytes) -> list[FrameReceived[Frame] | Damaged]:
-        events = super().receive_data(data)
+        events: list[FrameReceived[Frame] | Damaged] = []
+        if not self._dropped:
+            events, self._buffer = read_frames(self._buffer + data)
+            data = b""
+        if data or (self._buffer and not _BEGUN(self._buffer)):
+            events += super().receive_data(data)
         if events:
             self._behind_frame = type(events[-1]) is FrameReceived
         return events
