@@ -80,7 +80,7 @@ class Page:
     def _python(self, found: re.Match[str]) -> str:
         said = self._said([sys.executable, "-c", self._here(found["body"])])
         program = f"```python\n{found['body']}```\n"
-        if "Traceback" in said:
+        if "Traceback" in said or "SyntaxError" in said:
             raise SystemExit(f"{self.path}: a program fails:\n{said}")
         if found["shown"] is None:
             return program

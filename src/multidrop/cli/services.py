@@ -26,7 +26,7 @@ def status(common: Common, device: str) -> None:
 @click.argument("device")
 @common(force="go on without an audit log", writes=True)
 def clear_faults(common: Common, device: str) -> None:
-    """Clear the fault of DEVICE. A drive that is not in fault is left alone."""
+    """Clear the fault of DEVICE. A FlexMax that is not in fault is left alone."""
     target = common.target(device)
     target.device().clear_faults()
     common.confirm(f"Clear the fault of {device}?", needs_yes=False)
