@@ -13,7 +13,7 @@ from multidrop.points import Point, Role, Sample, Value
 from multidrop.profile import Profile
 from multidrop.protocols.slink3 import status
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
-from multidrop.protocols.slink3.frame import Frame
+from multidrop.protocols.slink3.frame import MOST_DATA, Frame
 from multidrop.protocols.slink3.master import Master, StatusWord
 from multidrop.protocols.slink3.messages import (
     Command,
@@ -186,7 +186,11 @@ class Slink3Device(OneByOne):
     def _encode(
         self, point: ParameterPoint, type_code: Format, value: Value | str, force: bool
     ) -> bytes:
-        return encode_value(type_code, self._raw_value(point, type_code, value, force))
+        raw = encode_value(type_code, self._raw_value(point, type_code, value, force))
+        most = MOST_DATA - (3 if point.standard or point.subindex is None else 4)
+        if len(raw) > most:
+            raise UsageError(f"{len(raw)} characters are too many for {point}: at most {most}")
+        return raw
 
     def _raw_value(
         self, point: ParameterPoint, type_code: Format, value: Value | str, force: bool

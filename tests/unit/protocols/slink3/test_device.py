@@ -66,6 +66,13 @@ def test_addresses_that_no_slave_has(address: int) -> None:
         (lambda: named("flexmax"), "p100:int16", 1, "by an inferred rule, so it is read-only"),
         (lambda: named("flexmax"), "address", 128, "128 is out of range for address: 0..127"),
         (scaled, "voltage", 20.1, "20.1 V is out of range for voltage: 0..20 V"),
+        (lambda: named("flexmax"), "8300:string", "x" * 245, "245 characters are too many"),
+        (
+            lambda: named("flexmax"),
+            "8300.1:string",
+            "x" * 244,
+            r"244 characters are too many for 8300\.1: at most 243",
+        ),
         (scaled, "voltage", "-1", "-1.0 V is out of range for voltage"),
         (scaled, "voltage", float("nan"), "nan is no value for voltage"),
     ],
@@ -83,6 +90,9 @@ def test_a_write_that_is_refused_before_it_is_sent(
         (lambda: named("flexmax"), "status_word", 1),
         (lambda: named("flexmax"), "p100:int16", 1),
         (lambda: named("flexmax"), "address", 128),
+        (lambda: named("flexmax"), "8300.1:string", "x" * 243),
+        (lambda: named("flexmax"), "8300:string", "x" * 244),
+        (lambda: named("flexmax"), "std/0x6050.1:bytes", b"x" * 244),
         (scaled, "voltage", 20.1),
     ],
 )
