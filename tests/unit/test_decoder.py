@@ -63,6 +63,18 @@ def test_silence_finds_the_frame_behind_a_false_start(decoder: Decoder[str]) -> 
     )
     assert long.receive_data(b"[(a)x") == []
     assert long.silence() == [Damaged(b"[", "cut short"), frame("a"), Damaged(b"x", "no start: x")]
+    long.receive_data(b"[(b)")
+    assert long.silence() == [Damaged(b"[", "cut short"), frame("b")]
+
+
+def test_damage_that_is_held_back_is_pending_and_not_unfinished(decoder: Decoder[str]) -> None:
+    assert (decoder.pending, decoder.unfinished) == (False, False)
+    decoder.receive_data(b"x")
+    assert (decoder.pending, decoder.unfinished) == (True, False)
+    decoder.receive_data(b"(")
+    assert (decoder.pending, decoder.unfinished) == (True, True)
+    decoder.receive_data(b"a)")
+    assert (decoder.pending, decoder.unfinished) == (False, False)
 
 
 def test_bytes_that_the_port_marked_as_wrong_are_damage(decoder: Decoder[str]) -> None:

@@ -10,8 +10,8 @@ from multidrop.errors import UsageError
 from multidrop.events import Damaged
 from multidrop.protocols.slink3 import Frame, decoder
 
-READ = Frame(2, 0x04, 0x04, 0x26, bytes.fromhex("83 2C 20 01"))
-OK = Frame(2, 0x04, 0x05, 0, bytes.fromhex("83 2C 20 01 D2 04"))
+READ = Frame(2, 0x08, 0x04, 0x26, bytes.fromhex("83 2C 20 01"))
+OK = Frame(2, 0x08, 0x05, 0, bytes.fromhex("83 2C 20 01 D2 04"))
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,10 @@ def test_the_most_data() -> None:
     assert len(Frame(1, data=bytes(247)).encode()) == 255
     with pytest.raises(UsageError, match="248 bytes of data are too many: at most 247"):
         Frame(1, data=bytes(248))
+
+
+def test_what_need_not_be_said() -> None:
+    assert Frame(1) == Frame(1, 0, 0, 0, b"")
 
 
 def test_length_and_checksum_are_computed() -> None:
@@ -63,7 +67,7 @@ def test_bytes_that_are_not_one_whole_frame(raw: str, reason: str) -> None:
     [
         ("02 03", "no START"),
         ("01 02 04 07", "LENGTH 7, under 8"),
-        ("01 00 3C 08 01 00 00 36", "checksum 36h, computed 35h"),
+        ("01 02 3C 08 01 00 20 36", "checksum 36h, computed 17h"),
         ("01 00 3C 08 01 00", "cut short"),
         ("01 00 3C", "cut short"),
     ],
@@ -77,6 +81,7 @@ def test_the_reason_of_damage(raw: str, reason: str) -> None:
 def test_what_order_says() -> None:
     frame = Frame(1, order=0b1111_0101)
     assert (frame.is_answer, frame.in_fault, frame.destination) == (True, True, 2)
+    assert not Frame(1, order=0b0000_0001).in_fault
     frame = Frame(1, order=0b1110_1110)
     assert (frame.is_answer, frame.in_fault, frame.destination) == (False, False, 7)
 
@@ -95,8 +100,8 @@ def test_the_answer() -> None:
     "wrong",
     [
         {"address": 3},
-        {"control": 0x08},
-        {"control": 0x05},
+        {"control": 0x04},
+        {"control": 0x09},
         {"order": 0x04},
         {"order": 0x01},
         {"order": 0x07},

@@ -138,6 +138,7 @@ def test_duty(frame: Frame, answers: dict[str, int | None], dialect: Dialect) ->
     [
         READ.encode()[:-1] + b"\x00",  # checksum
         READ.encode()[:-1],  # cut short
+        READ.encode()[:5],  # no more than ORDER
         b"\x01\x05\x14\x07\x00\x26\x00",  # LENGTH under 8
     ],
 )
@@ -158,6 +159,12 @@ def test_damage_gets_silence_or_0097_where_that_was_chosen(dialect: Dialect, raw
 )
 def test_damage_of_others_gets_silence_even_then(raw: bytes) -> None:
     assert said(FLEXMAX, raw, answer_damage=True) is SILENT
+
+
+def test_the_answer_to_damage_repeats_what_could_be_read() -> None:
+    slave = Slave(ADDRESS, FLEXMAX, answer_damage=True)
+    (answer,) = serve(slave, Drive(), READ._replace(control=0x3C, order=0xE4).encode()[:-1])
+    assert answer == Frame(ADDRESS, 0x3C, 0x05, 0x97)
 
 
 def test_an_answer_repeats_address_number_and_destination() -> None:
@@ -301,6 +308,13 @@ def test_reset_forgets_half_a_frame() -> None:
     assert len(slave.receive_data(READ.encode())) == 1
 
 
+def test_reset_forgets_a_broadcast_that_came_before_its_answer() -> None:
+    slave = Slave(ADDRESS, FLEXMAX)
+    reset, _ = slave.receive_data(request(0x20).encode() + BROADCAST.encode())
+    slave.answer(reset, Reply())
+    assert verified(slave) == 0xFF
+
+
 def test_a_reset_that_the_device_refuses_forgets_nothing() -> None:
     slave = Slave(ADDRESS, FLEXMAX)
     (reset,) = slave.receive_data(request(0x20).encode() + READ.encode()[:5])
@@ -355,6 +369,11 @@ def test_events_of_a_decoder_that_serves_a_whole_line() -> None:
         FrameReceived(READ, b""),
     ]
     assert [item.frame for item in slave.receive_events(events)] == [READ]
+
+
+@pytest.mark.parametrize("address", [0, 127])
+def test_the_first_and_the_last_address(address: int) -> None:
+    assert len(serve(Slave(address), Drive(), READ._replace(address=address).encode())) == 1
 
 
 @pytest.mark.parametrize("address", [-1, 128, 255])
