@@ -73,7 +73,8 @@ class PortSetup:
         on_close = PinState.UNDEFINED if leave else PinState.LOW
         arguments: dict[str, Any] = {}
         if url.startswith(RFC2217):  # else it would wait for ever for an answer about the pins
-            arguments = {"read_timeout": CONNECT_TIMEOUT, "write_timeout": CONNECT_TIMEOUT}
+            limits = ("connect_timeout", "read_timeout", "write_timeout")
+            arguments = dict.fromkeys(limits, CONNECT_TIMEOUT)
         return {
             **arguments,
             "baudrate": self.settings.baud,
