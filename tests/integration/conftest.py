@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import Simulator, simulator
+from integration.processes import DEVICES, Address, Simulator, simulator
+from integration.threads import simulated
 from integration.ways import WAYS, Way
 
 
@@ -27,9 +28,9 @@ def plant() -> Iterator[Simulator]:
 
 
 @pytest.fixture
-def fresh() -> Iterator[Simulator]:
+def fresh() -> Iterator[Address]:
     """The same devices with their default values, for one test alone."""
-    with simulator() as started:
+    with simulated(*DEVICES) as started:
         yield started
 
 

@@ -16,6 +16,9 @@ from pathlib import Path
 from typing import IO, Any
 
 COMMAND = str(Path(sys.executable).with_name("multidrop"))
+DEVICES = ("flexmax:0+dgfc386", "flexmax:1", "ax-v:2")
+"""Of the examples: two drives, one with a card behind it, and an AX-V."""
+
 PATIENCE = 20.0
 """s after which something that should have happened long ago has not."""
 
@@ -138,16 +141,23 @@ def running(*arguments: str, cwd: Path | None = None, **changes: str) -> Iterato
         program.end()
 
 
-class Simulator:
-    """`multidrop simulate` in a process of its own; `port` is where it listens."""
+class Address:
+    """Where a line listens."""
 
-    def __init__(self, program: Running) -> None:
-        self.program = program
-        self.port = program.wait_for("listening on ").removeprefix("listening on ")
+    def __init__(self, port: str) -> None:
+        self.port = port
 
     def device(self, who: str, **keys: object) -> str:
         """`flexmax:0` as the command line names it, with keys."""
         return ",".join([f"{who}@{self.port}", *(f"{key}={value}" for key, value in keys.items())])
+
+
+class Simulator(Address):
+    """`multidrop simulate` in a process of its own."""
+
+    def __init__(self, program: Running) -> None:
+        self.program = program
+        super().__init__(program.wait_for("listening on ").removeprefix("listening on "))
 
 
 @contextlib.contextmanager
@@ -155,7 +165,7 @@ def simulator(
     *arguments: str, listen: str = "tcp://127.0.0.1:0", **changes: str
 ) -> Iterator[Simulator]:
     """Simulated devices; without arguments those of the examples."""
-    devices = arguments or ("flexmax:0+dgfc386", "flexmax:1", "ax-v:2")
+    devices = arguments or DEVICES
     arguments = ("simulate", *devices, "--listen", listen)
     with running(*arguments, cwd=None, **changes) as program:
         yield Simulator(program)

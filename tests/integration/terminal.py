@@ -33,7 +33,8 @@ class Terminal:
             start_new_session=True,
         )
         os.close(other)
-        self.shown = ""
+        self.shown = ""  # without colours and cursor moves
+        self.raw = b""
 
     def wait_for(self, part: str) -> str:
         """All that was shown, once `part` is in what is new; colours and cursor moves are taken out."""
@@ -52,28 +53,36 @@ class Terminal:
         ready, _, _ = select.select([self._fd], [], [], seconds)
         if not ready:
             return b""
-        try:
-            return os.read(self._fd, 4096)
-        except OSError:  # the command has ended
-            return b""
+        data = b""
+        with contextlib.suppress(OSError):  # the command has ended
+            data = os.read(self._fd, 4096)
+        self.raw += data
+        return data
 
     def type(self, text: str) -> None:
         os.write(self._fd, text.encode())
 
     def interrupt(self) -> int:
-        """Ctrl-C, and again if nobody heard it: Python may lose one just before it waits for input."""
-        for _ in range(5):
-            self.process.send_signal(signal.SIGINT)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                return self.ended(patience=3.0)
+        """Ctrl-C, once the command waits: Python loses one that comes just before."""
+        self._await_sleep()
+        self.process.send_signal(signal.SIGINT)
         return self.ended()
 
-    def ended(self, patience: float = PATIENCE) -> int:
+    def _await_sleep(self) -> None:
+        """Wait until the command has been waiting for something for a while."""
+        state = Path(f"/proc/{self.process.pid}/stat")
+        asleep = 0
+        until = time.monotonic() + PATIENCE
+        while asleep < 5 and state.exists() and time.monotonic() < until:
+            asleep = asleep + 1 if state.read_text().rpartition(")")[2].split()[0] == "S" else 0
+            time.sleep(0.01)
+
+    def ended(self) -> int:
         """The exit status; what was shown until the end is kept."""
-        until = time.monotonic() + patience
+        until = time.monotonic() + PATIENCE
         while data := self._read(max(0.0, until - time.monotonic())):
             self.shown = CONTROL.sub("", self.shown + data.decode("utf-8", "replace"))
-        return self.process.wait(max(0.1, until - time.monotonic()))
+        return self.process.wait(PATIENCE)
 
     def close(self) -> None:
         self.process.kill()

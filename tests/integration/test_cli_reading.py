@@ -12,8 +12,17 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import COMMAND, Simulator, environment, multidrop, running, simulator
+from integration.processes import (
+    COMMAND,
+    Address,
+    Simulator,
+    environment,
+    multidrop,
+    running,
+    simulator,
+)
 from integration.servers import answering, reply_to
+from integration.ways import state_of
 from multidrop.protocols.slink3 import Frame
 
 READING = ["v", "device", "point", "name", "value", "unit", "type", "raw", "fault", "time", "ms"]
@@ -127,7 +136,7 @@ def test_a_trace_shows_damage() -> None:
     assert "bytes come, but damaged: check baud rate and format" in ran.err
 
 
-def test_a_device_in_fault(fresh: Simulator) -> None:
+def test_a_device_in_fault(fresh: Address) -> None:
     device = fresh.device("flexmax:0")
     assert multidrop("write", device, "65000:uint16=0x2310", "--yes").status == 0
     ran = multidrop("read", device, "8236")
@@ -193,7 +202,7 @@ def test_status_of_a_card() -> None:
     assert (found["fault"], found["status_word"]) == (False, None)
 
 
-def test_watch_prints_each_change_without_a_terminal(fresh: Simulator) -> None:
+def test_watch_prints_each_change_without_a_terminal(fresh: Address) -> None:
     device = fresh.device("flexmax:0")
     with running("watch", device, "8236", "8511", "--every", "0.02") as watching:
         assert re.fullmatch(r"\d\d:\d\d:\d\d   index_8236 \(8236\) +0", watching.wait_for("8236"))
@@ -323,10 +332,7 @@ def test_the_demo_without_a_terminal() -> None:
     with running("demo", "--listen", "tcp://127.0.0.1:0") as demo:
         port = demo.wait_for("listening on ").removeprefix("listening on ")
         demo.wait_for("actual_speed")
-        assert (
-            multidrop("status", f"flexmax:1@{port}", "--json").object["state"]
-            == "operation enabled"
-        )
+        assert state_of(f"flexmax:1@{port}") == "operation enabled"
         ran = demo.interrupt()
     assert ran.status == 130
     assert ran.err.strip() == "interrupted"

@@ -6,16 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import Simulator, multidrop
+from integration.processes import Address, Simulator, multidrop
 from integration.terminal import on_terminal
+from integration.ways import state_of
 
 
-def state(device: str) -> str:
-    found: str = multidrop("status", device, "--json").object["state"]
-    return found
-
-
-def test_a_command_is_asked_about_and_done(fresh: Simulator) -> None:
+def test_a_command_is_asked_about_and_done(fresh: Address) -> None:
     device = fresh.device("flexmax:0")
     with on_terminal("write", device, "control_word=6") as terminal:
         shown = terminal.wait_for("[y/N]")
@@ -23,7 +19,7 @@ def test_a_command_is_asked_about_and_done(fresh: Simulator) -> None:
         terminal.type("y\n")
         assert terminal.ended() == 0
         assert "confirmed" in terminal.shown
-    assert state(device) == "ready to switch on"
+    assert state_of(device) == "ready to switch on"
 
 
 @pytest.mark.parametrize("answer", ["n\n", "\n"])
@@ -36,7 +32,7 @@ def test_a_command_that_is_not_confirmed_is_not_sent(
         terminal.type(answer)
         assert terminal.ended() == 2
         assert "not confirmed; nothing was sent" in terminal.shown
-    assert state(device) == "switch-on disabled"
+    assert state_of(device) == "switch-on disabled"
     assert not audit.exists() or audit.read_text() == ""
 
 
@@ -46,7 +42,7 @@ def test_ctrl_c_at_a_question(plant: Simulator) -> None:
         terminal.wait_for("[y/N]")
         assert terminal.interrupt() == 130
         assert "Traceback" not in terminal.shown
-    assert state(device) == "switch-on disabled"
+    assert state_of(device) == "switch-on disabled"
 
 
 @pytest.mark.parametrize(
@@ -60,7 +56,7 @@ def test_ctrl_c_at_a_question(plant: Simulator) -> None:
     ],
     ids=" ".join,
 )
-def test_where_nothing_is_asked(fresh: Simulator, arguments: tuple[str, ...]) -> None:
+def test_where_nothing_is_asked(fresh: Address, arguments: tuple[str, ...]) -> None:
     command, who, *rest = arguments
     with on_terminal(command, fresh.device(who), *rest) as terminal:
         assert terminal.ended() == 0
@@ -84,7 +80,7 @@ def test_where_something_is_asked(plant: Simulator, arguments: tuple[str, ...]) 
         assert terminal.ended() == 2
 
 
-def test_watch_is_a_live_table(fresh: Simulator) -> None:
+def test_watch_is_a_live_table(fresh: Address) -> None:
     device = fresh.device("flexmax:0")
     with on_terminal("watch", device, "8236", "actual_speed", "--every", "0.05") as terminal:
         shown = terminal.wait_for("actual_speed")
@@ -116,4 +112,5 @@ def test_errors_are_red_on_a_terminal_alone(plant: Simulator) -> None:
     with on_terminal("read", plant.device("flexmax:1"), "9999:int16") as terminal:
         assert terminal.ended() == 3
         assert "parameter does not exist" in terminal.shown
+        assert b"\x1b[31m" in terminal.raw
     assert "\x1b" not in multidrop("read", plant.device("flexmax:1"), "9999:int16").err

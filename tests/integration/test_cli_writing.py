@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from integration.processes import Ran, Simulator, multidrop, running, simulator
+from integration.processes import Address, Ran, Simulator, multidrop, running, simulator
 from integration.servers import Connected, Server, answering, reply_to, serving
+from integration.ways import state_of, value_of
 from multidrop.protocols.slink3 import Command, Frame
 
 WRITTEN = ["v", "device", "point", "name", "old", "asked", "found", "raw", "outcome", "time"]
@@ -52,7 +53,7 @@ def written_to(memory: Memory, *arguments: str) -> Ran:
         return multidrop("write", f"ax-v:2@{server.port},{FAST}", *arguments)
 
 
-def test_a_write_for_a_person(fresh: Simulator, audit: Path) -> None:
+def test_a_write_for_a_person(fresh: Address, audit: Path) -> None:
     ran = multidrop("write", fresh.device("flexmax:0"), "8236:int16=1234", "speed_setpoint=-100")
     assert (ran.status, ran.err) == (0, "")
     first, second = ran.out.splitlines()
@@ -69,7 +70,7 @@ def test_a_write_for_a_person(fresh: Simulator, audit: Path) -> None:
     assert [line["outcome"] for line in logged(audit)] == ["confirmed", "confirmed"]
 
 
-def test_a_write_as_json(fresh: Simulator) -> None:
+def test_a_write_as_json(fresh: Address) -> None:
     ran = multidrop("write", fresh.device("ax-v:2"), "1111=200", "--json")
     assert (ran.status, ran.err) == (0, "")
     found = ran.object
@@ -88,7 +89,7 @@ def test_a_write_as_json(fresh: Simulator) -> None:
     }
 
 
-def test_the_audit_log(fresh: Simulator, audit: Path) -> None:
+def test_the_audit_log(fresh: Address, audit: Path) -> None:
     multidrop("write", fresh.device("ax-v:2"), "1111=200")
     multidrop("write", fresh.device("ax-v:2"), "1111=0x10", "1009=7", "--no-verify")
     first, second, third = logged(audit)
@@ -105,7 +106,7 @@ def test_the_audit_log(fresh: Simulator, audit: Path) -> None:
         "unverified",
         "unverified",
     ]
-    assert multidrop("read", fresh.device("ax-v:2"), "1111", "--json").object["value"] == 16
+    assert value_of(fresh.device("ax-v:2"), "1111") == 16
 
 
 def test_an_audit_log_that_cannot_be_written(plant: Simulator, tmp_path: Path) -> None:
@@ -224,17 +225,17 @@ def test_a_setting_is_tried_once_more_where_it_is_unchanged(tmp_path: Path) -> N
 # -- several writes -------------------------------------------------------------------------------
 
 
-def test_writes_stop_at_the_first_that_is_not_confirmed(fresh: Simulator) -> None:
+def test_writes_stop_at_the_first_that_is_not_confirmed(fresh: Address) -> None:
     device = fresh.device("flexmax:1")
     ran = multidrop("write", device, "8236=1", "speed_setpoint=3001", "8236=2", "--json")
     assert ran.status == 3
     assert [line["outcome"] for line in ran.objects] == ["confirmed", "not-applied", "not-sent"]
     assert ran.objects[2]["error"]["kind"] == "not-sent"
     assert ran.objects[2]["asked"] == 2
-    assert multidrop("read", device, "8236", "--json").object["value"] == 1
+    assert value_of(device, "8236") == 1
 
 
-def test_keep_going(fresh: Simulator) -> None:
+def test_keep_going(fresh: Address) -> None:
     device = fresh.device("flexmax:1")
     ran = multidrop("write", device, "speed_setpoint=3001", "8236=2", "--keep-going")
     assert ran.status == 3
@@ -313,7 +314,7 @@ def test_one_usage_error_and_nothing_is_sent(recorder: Server, arguments: tuple[
     assert recorder.connections == 0
 
 
-def test_a_command_needs_yes_where_nobody_can_be_asked(fresh: Simulator, audit: Path) -> None:
+def test_a_command_needs_yes_where_nobody_can_be_asked(fresh: Address, audit: Path) -> None:
     device = fresh.device("flexmax:0")
     for point in ("control_word", "std/0x6040.0:uint16"):
         ran = multidrop("write", device, f"{point}=6")
@@ -322,22 +323,22 @@ def test_a_command_needs_yes_where_nobody_can_be_asked(fresh: Simulator, audit: 
     assert logged(audit) == []
     ran = multidrop("write", device, "control_word=6", "--yes")
     assert ran.status == 0
-    assert multidrop("status", device, "--json").object["state"] == "ready to switch on"
+    assert state_of(device) == "ready to switch on"
 
 
-def test_a_read_only_point_and_force(fresh: Simulator) -> None:
+def test_a_read_only_point_and_force(fresh: Address) -> None:
     device = fresh.device("flexmax:0")
     ran = multidrop("write", device, "p44:int16=5")
     assert ran.status == 2
     assert "by an inferred rule, so it is read-only; --force writes it" in ran.err
     assert multidrop("write", device, "p44:int16=5", "--force").status == 0
-    assert multidrop("read", device, "p44", "--json").object["value"] == 5
+    assert value_of(device, "p44") == 5
 
 
 # -- the other commands that write ----------------------------------------------------------------
 
 
-def test_clear_faults(fresh: Simulator, audit: Path) -> None:
+def test_clear_faults(fresh: Address, audit: Path) -> None:
     device = fresh.device("flexmax:0")
     ran = multidrop("clear-faults", device)
     assert ran.status == 0
@@ -359,12 +360,12 @@ def test_clear_faults(fresh: Simulator, audit: Path) -> None:
     ]
 
 
-def test_clear_faults_of_a_running_drive_writes_nothing(fresh: Simulator) -> None:
+def test_clear_faults_of_a_running_drive_writes_nothing(fresh: Address) -> None:
     """0000h on a running drive is disable voltage: it would coast."""
     device = fresh.device("flexmax:0")
     multidrop("write", device, "control_word=6", "control_word=7", "control_word=15", "--yes")
     assert multidrop("clear-faults", device).status == 0
-    assert multidrop("status", device, "--json").object["state"] == "operation enabled"
+    assert state_of(device) == "operation enabled"
 
 
 def test_a_fault_reset_that_is_cut_off_is_unknown(audit: Path) -> None:
@@ -380,7 +381,7 @@ def test_a_fault_reset_that_is_cut_off_is_unknown(audit: Path) -> None:
     assert (line["point"], line["outcome"]) == ("clear-faults", "unknown")
 
 
-def test_reset_comm(fresh: Simulator, audit: Path) -> None:
+def test_reset_comm(fresh: Address, audit: Path) -> None:
     ran = multidrop("reset-comm", fresh.device("flexmax:0"))
     assert ran.status == 0
     assert "faults stay" in ran.out
@@ -393,7 +394,7 @@ def test_reset_comm(fresh: Simulator, audit: Path) -> None:
     assert "reset-comm" in ran.err
 
 
-def test_raw(fresh: Simulator, audit: Path) -> None:
+def test_raw(fresh: Address, audit: Path) -> None:
     device = fresh.device("flexmax:0")
     ran = multidrop("raw", device, "23", "00", "--json")
     assert ran.status == 0
@@ -412,7 +413,7 @@ def test_raw(fresh: Simulator, audit: Path) -> None:
     assert multidrop("raw", fresh.device("flexmax:99", timeout=0.05), "2300").status == 4
 
 
-def test_broadcast(fresh: Simulator, audit: Path) -> None:
+def test_broadcast(fresh: Address, audit: Path) -> None:
     ran = multidrop("broadcast", f"flexmax@{fresh.port}", "8236:int16=321", "--verify", "0,1")
     assert ran.status == 0
     assert [line.split() for line in ran.out.splitlines()] == [
@@ -425,7 +426,7 @@ def test_broadcast(fresh: Simulator, audit: Path) -> None:
     assert [line["outcome"] for line in lines] == ["confirmed", "confirmed"]
 
 
-def test_broadcast_as_json(fresh: Simulator) -> None:
+def test_broadcast_as_json(fresh: Address) -> None:
     ran = multidrop("broadcast", f"ax-v@{fresh.port}", "1111=7", "--verify", "2", "--json")
     assert ran.status == 0
     assert list(ran.object)[: len(WRITTEN)] == WRITTEN
@@ -437,23 +438,23 @@ def test_broadcast_as_json(fresh: Simulator) -> None:
     )
 
 
-def test_a_broadcast_that_is_not_applied(fresh: Simulator, audit: Path) -> None:
+def test_a_broadcast_that_is_not_applied(fresh: Address, audit: Path) -> None:
     ran = multidrop("broadcast", f"flexmax@{fresh.port}", "speed_setpoint=9000", "--verify", "0")
     assert ran.status == 8
     assert ran.out.split() == ["0", "received", "yes", "applied", "NO"]
     assert [line["outcome"] for line in logged(audit)] == ["differs"]
 
 
-def test_a_silent_slave_and_nothing_is_broadcast(fresh: Simulator, audit: Path) -> None:
+def test_a_silent_slave_and_nothing_is_broadcast(fresh: Address, audit: Path) -> None:
     port = f"flexmax@{fresh.port},{FAST}"
     ran = multidrop("broadcast", port, "8236:int16=5", "--verify", "0,9")
     assert ran.status == 4
     assert "slave 9 did not answer, so nothing was broadcast" in ran.err
-    assert multidrop("read", fresh.device("flexmax:0"), "8236", "--json").object["value"] == 0
+    assert value_of(fresh.device("flexmax:0"), "8236") == 0
     assert logged(audit) == []
     ran = multidrop("broadcast", port, "8236:int16=5", "--verify", "0,9", "--keep-going")
     assert ran.status == 7
-    assert multidrop("read", fresh.device("flexmax:0"), "8236", "--json").object["value"] == 5
+    assert value_of(fresh.device("flexmax:0"), "8236") == 5
     assert [line["outcome"] for line in logged(audit)] == ["confirmed", "unknown"]
 
 

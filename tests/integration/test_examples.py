@@ -18,8 +18,8 @@ import pytest
 from integration.processes import (
     COMMAND,
     PATIENCE,
+    Address,
     Running,
-    Simulator,
     environment,
     multidrop,
 )
@@ -37,7 +37,7 @@ def test_there_are_examples() -> None:
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)
-def test_an_example_runs(example: Path, fresh: Simulator, tmp_path: Path) -> None:
+def test_an_example_runs(example: Path, fresh: Address, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, str(example)],
         capture_output=True,

@@ -29,3 +29,13 @@ Way = Callable[..., list[Any]]
 """`way(device, call, ...)` opens the device, makes the calls, closes it, and returns their results."""
 
 WAYS = (blocking, in_asyncio)
+
+
+def value_of(device: str, point: str) -> Any:
+    """What a point holds now."""
+    return blocking(device, ("read", point))[0].value
+
+
+def state_of(device: str) -> Any:
+    """The DRIVECOM state of a drive now."""
+    return blocking(device, ("status",))[0].fields["state"]
