@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from statistics import median
-from time import perf_counter
+from time import process_time
 
 from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
@@ -55,9 +55,7 @@ def decoding(quick: bool) -> list[Result]:
         20 if quick else 100, {name: _timed(name, job) for name, job in jobs.items()}
     )
     against_decode = ratio(found["decode"], found["ours"])
-    lost = FRAMES - sum(
-        bool(framer.decode(b"".join(theirs[at : at + 39]))[0]) for at in range(0, FRAMES, 39)
-    )
+    kept = _frames_of_reads(framer, b"".join(theirs))
     return [
         Result(
             "stream decoding, 512-byte reads, 13-byte frames",
@@ -70,17 +68,28 @@ def decoding(quick: bool) -> list[Result]:
                 f"`handleFrame` {_each(found['handleFrame'])} a frame",
                 f"against `handleFrame`, which makes a PDU with its registers: "
                 f"{ratio(found['handleFrame'], found['ours']):.2f}",
-                f"in reads of 39 frames (507 bytes) pymodbus' framer loses {lost} of {FRAMES} frames",
+                f"from {READ}-byte reads pymodbus' framer gives {kept} of {FRAMES} frames",
             ],
         )
     ]
 
 
+def _frames_of_reads(framer: FramerRTU, stream: bytes) -> int:
+    """How many frames `handleFrame` finds in the reads that multidrop gets; what it leaves is kept."""
+    found, buffer = 0, b""
+    for at in range(0, len(stream), READ):
+        buffer += stream[at : at + READ]
+        used, pdu = framer.handleFrame(buffer, 1, 0)
+        buffer = buffer[used:]
+        found += pdu is not None
+    return found
+
+
 def _timed(name: str, job: Callable[[], int]) -> Callable[[], float]:
     def run() -> float:
-        started = perf_counter()
+        started = process_time()
         count = job()
-        seconds = perf_counter() - started
+        seconds = process_time() - started
         assert count == FRAMES, f"{name}: {count} frames of {FRAMES}"
         return seconds
 
@@ -122,19 +131,19 @@ def encoding(quick: bool) -> list[Result]:
 
 
 def _encode_ours(frame: Frame) -> float:
-    started = perf_counter()
+    started = process_time()
     for _ in range(FRAMES):
         frame.encode()
-    return perf_counter() - started
+    return process_time() - started
 
 
 def _encode_theirs(
     framer: FramerRTU, pdu: ReadHoldingRegistersRequest | ReadHoldingRegistersResponse
 ) -> float:
-    started = perf_counter()
+    started = process_time()
     for _ in range(FRAMES):
         framer.buildFrame(pdu)
-    return perf_counter() - started
+    return process_time() - started
 
 
 def _each(seconds: list[float]) -> str:

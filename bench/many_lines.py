@@ -21,34 +21,44 @@ from multidrop.protocols.slink3 import Format, Master
 
 LINES = 200
 ALONE = 6  # lines that are also polled alone
+SETTLE = 0.5  # s that do not count
 LIMIT = 1 / ((11 + 13) * slink3.LINE.character + slink3.LINE.gap)  # polls a second
 
 
-async def polls(line: AsyncLine, seconds: float) -> float:
-    """Polls a second of a line that is read without a pause."""
+async def polls(line: AsyncLine, seconds: float, phase: float = 0.0) -> float:
+    """Polls a second of a line that is read without a pause, once it has settled.
+
+    Lines that start in step queue behind each other at first: each has its phase.
+    """
+    await asyncio.sleep(phase)
     master = Master(0)
-    until = monotonic() + seconds
-    started = finished = 0.0
+    begin = monotonic() + SETTLE
+    first = last = 0.0
     count = -1  # the first only starts the clock
-    while finished < until:
+    while last < begin + seconds:
         await line.run(master.read_typed(8236, Format.SHORT_INT))
-        finished = monotonic()
-        count += 1
-        started = started or finished
-    return count / (finished - started)
+        last = monotonic()
+        if last >= begin:
+            first = first or last
+            count += 1
+    return count / (last - first)
 
 
 async def measure(ports: list[str], seconds: float) -> dict[str, list[float]]:
+    """Some lines alone, all together, some others alone."""
     lines = [await open_async_line(port, slink3.LINE) for port in ports]
     chosen = lines[:: len(lines) // ALONE][:ALONE]
-    before = [await polls(line, seconds / 2) for line in chosen[::2]]
+    before = [await polls(line, seconds / 4) for line in chosen[::2]]
     used = process_time()
-    together = await asyncio.gather(*(polls(line, seconds) for line in lines))
-    used = process_time() - used
-    after = [await polls(line, seconds / 2) for line in chosen[1::2]]
+    started = monotonic()
+    together = await asyncio.gather(
+        *(polls(line, seconds, at / LIMIT / len(lines)) for at, line in enumerate(lines))
+    )
+    used = (process_time() - used) / (monotonic() - started)
+    after = [await polls(line, seconds / 4) for line in chosen[1::2]]
     for line in lines:
         await line.close()
-    return {"alone": before + after, "together": together, "core": [used / seconds]}
+    return {"alone": before + after, "together": together, "core": [used]}
 
 
 def run(burst_ms: float, seconds: float) -> dict[str, list[float]]:

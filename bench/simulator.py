@@ -17,6 +17,7 @@ import os
 import select
 import socket
 import sys
+from collections import deque
 from time import monotonic
 from typing import Any
 
@@ -29,6 +30,7 @@ from multidrop.sim.slink3 import FlexMax
 
 ANSWER = 13  # bytes of the answer to a typed read of a short int
 FOREVER = float("inf")
+AT_ONCE = 8  # things done before the many lines are looked at again
 
 
 def pace(burst_ms: float) -> Pace:
@@ -91,6 +93,7 @@ class ManyLines:
         self._poll.register(sys.stdin, select.EPOLLIN)
         self._listening: dict[int, tuple[socket.socket, SimulatedLine]] = {}
         self._ends: dict[int, tuple[socket.socket, Connection]] = {}
+        self._heard: deque[tuple[int, bytes, float]] = deque()
         self._due: list[tuple[float, int]] = []  # at most one of each end
         self._scheduled: set[int] = set()
         for _ in range(count):
@@ -105,19 +108,24 @@ class ManyLines:
         return [f"tcp://127.0.0.1:{listener.getsockname()[1]}" for listener in sockets]
 
     def run(self) -> None:
-        """Serve until the standard input ends."""
+        """Serve until the standard input ends. What is due goes first; an answer can wait a little."""
         while True:
             for fd, _ in self._poll.poll(0):
                 if fd in self._ends:
-                    self._receive(fd)
+                    self._hear(fd)
                 elif fd in self._listening:
                     self._accept(fd)
                 elif not sys.stdin.readline():
                     return
                 else:
                     self._report()
-            if self._due and self._due[0][0] <= monotonic():
-                self._send_due()
+            for _ in range(AT_ONCE):
+                if self._due and self._due[0][0] <= monotonic():
+                    self._send_due()
+                elif self._heard:
+                    self._answer()
+                else:
+                    break
 
     def _accept(self, fd: int) -> None:
         listener, line = self._listening[fd]
@@ -126,16 +134,23 @@ class ManyLines:
         self._ends[client.fileno()] = (client, line.attach())
         self._poll.register(client, select.EPOLLIN)
 
-    def _receive(self, fd: int) -> None:
-        client, end = self._ends[fd]
+    def _hear(self, fd: int) -> None:
+        client, _ = self._ends[fd]
         data = client.recv(4096)
         if data:
-            end.receive(data, monotonic())
-            self._schedule(fd, end)
+            self._heard.append((fd, data, monotonic()))
         else:
             self._poll.unregister(fd)
             del self._ends[fd]
             client.close()
+
+    def _answer(self) -> None:
+        """The answer is due 12 characters after the request came: there is time to work it out."""
+        fd, data, came = self._heard.popleft()
+        if fd in self._ends:
+            _, end = self._ends[fd]
+            end.receive(data, came)
+            self._schedule(fd, end)
 
     def _schedule(self, fd: int, end: Connection) -> None:
         if fd not in self._scheduled and end.deadline != FOREVER:

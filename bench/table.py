@@ -42,11 +42,12 @@ def main() -> int:
     for row in chosen.rows:
         if row not in ROWS:
             parser.error(f"there is no row {row!r}; rows are {' '.join(ROWS)}")
+    where = machine()
     results: list[Result] = []
     for row in chosen.rows or ROWS:
         print(f"measuring {row} ...", flush=True)
         results += ROWS[row](chosen.quick)
-    text = f"{machine()}\n\n{table(results)}\n\n{beside(results)}\n"
+    text = f"{where}\n\n{table(results)}\n\n{beside(results)}\n"
     print(f"\n{text}", end="")
     if chosen.write:
         head, _, rest = README.read_text().partition(BEGIN)
@@ -91,7 +92,7 @@ def machine() -> str:
     return (
         f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; "
         f"{platform.python_implementation()} {platform.python_version()}; {libraries}; "
-        f"{datetime.now(UTC):%Y-%m-%d}."
+        f"{datetime.now(UTC):%Y-%m-%d}; load before the run {os.getloadavg()[0]:.1f}."
     )
 
 
