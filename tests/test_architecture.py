@@ -30,6 +30,7 @@ GROUND = {
     "points",
     "profile",
     "timing",
+    "unanswered",
     "writing",
 }
 FLOORS = {  # package or module below multidrop -> its floor; imports point down only

@@ -28,6 +28,10 @@ class Word:
     def address(self) -> int:
         return 0
 
+    @property
+    def about(self) -> str:
+        return self.content.upper()
+
     def encode(self) -> bytes:
         return f"({self.content})".encode()
 

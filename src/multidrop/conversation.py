@@ -8,7 +8,7 @@ the line from its first to its last step.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Hashable
 from dataclasses import dataclass
 from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
@@ -20,6 +20,11 @@ class Frame(Protocol):
 
     @property
     def address(self) -> int: ...
+    @property
+    def about(self) -> Hashable:
+        """What a question and its answer have in common, numbers apart."""
+        ...
+
     def encode(self) -> bytes: ...
     def numbered(self, number: int) -> Self:
         """The same frame for another attempt; itself where the protocol does not number."""

@@ -19,9 +19,10 @@ from typing import Generic, TypeVar
 from multidrop import conversation as steps
 from multidrop.conversation import Ask, Conversation, Learn, Tell, TooLate, Wait
 from multidrop.decoder import Decoder
-from multidrop.errors import Error, NoReply, UsageError
+from multidrop.errors import NoReply, UsageError
 from multidrop.events import Damaged, FrameReceived
 from multidrop.timing import Timing
+from multidrop.unanswered import Unanswered
 
 FrameT = TypeVar("FrameT", bound=steps.Frame)
 ResultT = TypeVar("ResultT")
@@ -84,6 +85,7 @@ class Session(Generic[FrameT]):
         self.last_heard = 0.0  # when the last byte came
         self.last_sent: FrameT | None = None
         self.sent_until = 0.0  # the calculated end of the last request on the wire
+        self.unanswered: Unanswered[FrameT] = Unanswered()
         self._numbers: dict[int, _Numbers] = {}
 
     def hear(
@@ -227,6 +229,8 @@ class Exchange(Generic[FrameT, ResultT]):
             self._numbers = session.numbers(step.frame)
             if self._numbers.resting:
                 ready = max(ready, self._numbers.free_at(now))
+            if session.unanswered.known:
+                ready = max(ready, session.unanswered.clear_from(step.frame, now))
         if now < ready:
             if ready == rested and now > self._not_after:
                 return self._fail("the line never fell silent", now)
@@ -323,6 +327,8 @@ class Exchange(Generic[FrameT, ResultT]):
                 return self._again("damage hides whether the line has local echo", now)
             session.echo = False
         self.received_at = now
+        if session.unanswered.known:
+            session.unanswered.answered(answer)
         return self._resume(answer, None, now)
 
     def _notice_time(self, now: float) -> None:
@@ -377,6 +383,8 @@ class Exchange(Generic[FrameT, ResultT]):
         assert self._numbers is not None
         if self._numbers.count > 1:
             self._numbers.resting[self._numbers.last] = now + LATE
+        elif self._sent is not None:
+            self._session.unanswered.give_up(self._sent, now)
 
     def _fail(self, because: str, now: float) -> bytes:
         failure = NoReply(self._attempt, tuple(self._damaged), tuple(self._heard), because=because)
@@ -388,6 +396,3 @@ def _echo_unknown() -> UsageError:
         "the right answer equals this request, and whether the line has local echo is not known: "
         "begin with a Learn step, or say echo=on or echo=off; nothing was sent"
     )
-
-
-__all__ = ["Counters", "Error", "Exchange", "Session"]

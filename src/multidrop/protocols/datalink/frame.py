@@ -98,6 +98,11 @@ class Frame(_Fields):
             raise UsageError("an Acknowledge has neither memory address nor data")
         return tuple.__new__(cls, (known, address, memory_address, count, bytes(data)))
 
+    @property
+    def about(self) -> tuple[int, int, int]:
+        """What a Response repeats: the address, the memory address and NUM."""
+        return self[1], self[2], self[3]
+
     def encode(self, stuffing: bool = True) -> bytes:
         """The bytes on the wire."""
         command, address, memory_address, count, data = self

@@ -82,6 +82,11 @@ class Frame(_Fields):
         """Destination ID, 0..7 (ORDER bits 1-3): 0 the slave itself, 2 the DGFC386 behind a drive."""
         return self.order >> 1 & 7
 
+    @property
+    def about(self) -> int:
+        """The address; the sequence number in CONTROL tells answers apart."""
+        return self[0]
+
     def encode(self) -> bytes:
         """The bytes on the wire."""
         address, control, order, code, data = self

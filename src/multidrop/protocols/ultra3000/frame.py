@@ -97,6 +97,11 @@ class Frame(_Fields):
         """Whether a drive says with it that it does not do what it was asked."""
         return self.parameter >= REFUSED
 
+    @property
+    def about(self) -> tuple[int, int, int]:
+        """What an answer repeats: address, parameter and function, but not an array's index."""
+        return self[0], self[1] % REFUSED, self[2]
+
     def encode(self) -> bytes:
         """The bytes on the wire."""
         address, parameter, function, data = self

@@ -1,0 +1,52 @@
+"""Questions that were given up, in protocols whose messages have no numbers.
+
+The answer to such a question may still come. It passes for the answer to any question
+about the same: another element of an array, or a point that was written since.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from multidrop import conversation as steps
+
+FrameT = TypeVar("FrameT", bound=steps.Frame)
+
+MAY_COME = 1.5
+"""s after it was given up, in which a question may still be answered."""
+
+
+@dataclass(slots=True)
+class _GivenUp(Generic[FrameT]):
+    question: FrameT
+    until: float
+    answered: bool = False  # once, perhaps late: each attempt may bring one more answer
+
+
+class Unanswered(Generic[FrameT]):
+    """What may still be answered on one line."""
+
+    def __init__(self) -> None:
+        self.known: dict[Hashable, _GivenUp[FrameT]] = {}
+
+    def give_up(self, question: FrameT, now: float) -> None:
+        self.known[question.about] = _GivenUp(question, now + MAY_COME)
+
+    def answered(self, question: FrameT) -> None:
+        given_up = self.known.get(question.about)
+        if given_up is not None:
+            given_up.answered = True
+
+    def clear_from(self, question: FrameT, now: float) -> float:
+        """When it may be asked: at once where no late answer could be taken for its own.
+
+        The same question as one that nobody answered may be repeated at once too,
+        for a late answer to that is as good.
+        """
+        self.known = {about: known for about, known in self.known.items() if known.until > now}
+        given_up = self.known.get(question.about)
+        if given_up is None or (given_up.question == question and not given_up.answered):
+            return now
+        return given_up.until
