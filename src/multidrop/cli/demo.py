@@ -138,7 +138,10 @@ class _Watched:
 
     def _state(self) -> str:
         """The fault bit came with the answer: ask what is behind it."""
-        fields = self.connection.status().fields
+        try:
+            fields = self.connection.status().fields
+        except Error as error:
+            return f"in fault: {error}"
         return f"{fields['state']}, code {fields['malfunction_code']:04X}h"
 
 
