@@ -115,6 +115,25 @@ def test_a_reply_that_breaks_the_protocol() -> None:
     assert "has 2 bytes, the slave sent 3 (bytes 01 02 03)" in ran.object["error"]["text"]
 
 
+@pytest.mark.parametrize(
+    ("answer", "value", "raw"),
+    [
+        (b"\x08\x01\x00" + bytes.fromhex("0000c07f"), None, "0000c07f"),
+        (b"\x08\x01\x00" + bytes.fromhex("000080ff"), None, "000080ff"),
+        (b"\x08\x01\x00" + bytes.fromhex("0000c03f"), 1.5, "0000c03f"),
+        (b"\x09\x01\x00Gr\xf6\xdfe\0\0", "Größe", "4772f6df650000"),
+        (b"\x01\x01\x00\x01", True, "01"),
+        (b"\x0a\x01\x00\xff\x00", "ff00", "ff00"),
+    ],
+    ids=["nan", "infinity", "number", "string", "bool", "bytes"],
+)
+def test_values_of_every_kind_as_json(answer: bytes, value: object, raw: str) -> None:
+    with answering(lambda request: reply_to(request, 0, answer)) as server:
+        ran = multidrop("read", f"slink3:0@{server.port}", "1:auto", "--json")
+    assert ran.status == 0
+    assert (ran.object["value"], ran.object["raw"]) == (value, raw)
+
+
 def test_a_trace_goes_to_standard_error_alone(plant: Simulator) -> None:
     ran = multidrop("read", plant.device("ax-v:2"), "1009", "--json", "--trace")
     assert ran.status == 0

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import subprocess
 from pathlib import Path
 
 import pytest
 
-from integration.processes import Address, Simulator, multidrop
+from integration.processes import COMMAND, PATIENCE, Address, Simulator, environment, multidrop
 from integration.terminal import on_terminal
 from integration.ways import state_of
 
@@ -114,3 +117,23 @@ def test_errors_are_red_on_a_terminal_alone(plant: Simulator) -> None:
         assert "parameter does not exist" in terminal.shown
         assert b"\x1b[31m" in terminal.raw
     assert "\x1b" not in multidrop("read", plant.device("flexmax:1"), "9999:int16").err
+
+
+@pytest.mark.parametrize("where", ["stdin", "stderr"])
+def test_half_a_terminal_is_nobody_to_ask(plant: Simulator, where: str) -> None:
+    """Questions are asked only where both standard input and standard error are terminals."""
+    master, slave = pty.openpty()
+    terminal = {"stdin": subprocess.DEVNULL, "stderr": subprocess.PIPE, where: slave}
+    done = subprocess.run(
+        [COMMAND, "write", plant.device("flexmax:0"), "control_word=6"],
+        stdin=terminal["stdin"],
+        stdout=subprocess.PIPE,
+        stderr=terminal["stderr"],
+        timeout=PATIENCE,
+        env=environment(),
+        check=False,
+    )
+    os.close(slave)
+    os.close(master)
+    assert done.returncode == 2
+    assert state_of(plant.device("flexmax:0")) == "switch-on disabled"
