@@ -383,7 +383,8 @@ class Exchange(Generic[FrameT, ResultT]):
         assert self._numbers is not None
         if self._numbers.count > 1:
             self._numbers.resting[self._numbers.last] = now + LATE
-        elif self._sent is not None:
+        else:
+            assert self._sent is not None
             self._session.unanswered.give_up(self._sent, now)
 
     def _fail(self, because: str, now: float) -> bytes:
