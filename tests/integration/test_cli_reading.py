@@ -21,7 +21,7 @@ from integration.processes import (
     running,
     simulator,
 )
-from integration.servers import answering, reply_to
+from integration.servers import Connected, answering, reply_to, serving
 from integration.ways import state_of
 from multidrop.protocols.slink3 import Frame
 
@@ -132,6 +132,19 @@ def test_values_of_every_kind_as_json(answer: bytes, value: object, raw: str) ->
         ran = multidrop("read", f"slink3:0@{server.port}", "1:auto", "--json")
     assert ran.status == 0
     assert (ran.object["value"], ran.object["raw"]) == (value, raw)
+
+
+def test_every_point_has_its_line_when_the_port_is_lost() -> None:
+    def one_answer(line: Connected) -> None:
+        request = next(line.requests())
+        line.send(reply_to(request, 0, b"\x03\xf1\x03\x07\x00").encode())
+
+    with serving(one_answer) as server:
+        ran = multidrop("read", f"ax-v:2@{server.port}", "1009", "1111", "1009:int16", "--json")
+    assert ran.status == 5
+    first, second, third = ran.objects
+    assert first["value"] == 7
+    assert second["error"]["kind"] == third["error"]["kind"] == "port"
 
 
 def test_a_trace_goes_to_standard_error_alone(plant: Simulator) -> None:
