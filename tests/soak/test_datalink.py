@@ -36,8 +36,8 @@ from multidrop.writing import Outcome, Written
 from soak.faulty import Tally, every_fault
 
 COUNT = 10_000 if "MULTIDROP_SOAK" in os.environ else 150
-PATIENCE = 10.0
-"""s of the wire's own time that no transaction may take: six messages of 0.3 s, and the settling."""
+PATIENCE = 60.0
+"""s of the wire's own time that no transaction may take: 24 messages, each perhaps behind a rest."""
 
 REALS = (0.0, 1.0, -1.0, 100.0, 126.0, -0.1, 1e9, 2.0**-128)
 TEXTS = ("", "~", "~\0~", "TAG 1", "0123456789")
@@ -149,10 +149,10 @@ class Plant:
             yield happened
 
     def _rest(self, side: Side) -> None:
-        """Until the scan that runs is over, and with it every change that was acknowledged."""
+        """Until the scan is over in which the last Acknowledge can have come, and with it its change."""
 
         def rest() -> Conversation[Any, None]:
-            yield Wait(SCAN)
+            yield Wait(2 * SCAN)
 
         self.line.run(rest())
         side.instrument.advance(self.port.now())

@@ -31,7 +31,7 @@ from multidrop.writing import Outcome, Written
 from soak.faulty import Tally, every_fault
 
 COUNT = 10_000 if "MULTIDROP_SOAK" in os.environ else 120
-PATIENCE = 30.0
+PATIENCE = 60.0
 """s of the wire's own time that no transaction may take: an array of eight is read three times."""
 
 PROFILE = load_profile("ultra3000")
