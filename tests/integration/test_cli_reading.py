@@ -140,7 +140,7 @@ def test_every_point_has_its_line_when_the_port_is_lost() -> None:
         line.send(reply_to(request, 0, b"\x03\xf1\x03\x07\x00").encode())
 
     with serving(one_answer) as server:
-        ran = multidrop("read", f"ax-v:2@{server.port}", "1009", "1111", "1009:int16", "--json")
+        ran = multidrop("read", f"ax-v:2@{server.port}", "1009", "1111", "1234:int16", "--json")
     assert ran.status == 5
     first, second, third = ran.objects
     assert first["value"] == 7
