@@ -18,9 +18,15 @@ from multidrop.sim.serve import serve
 @contextlib.contextmanager
 def simulated(*devices: str) -> Iterator[Address]:
     """These devices with their default values, as `multidrop simulate` would serve them."""
-    loop = asyncio.new_event_loop()
     made = [simulated_device(*parse_simulated(text)) for text in devices]
-    line = SimulatedLine(made, slink3.decoder)
+    with served(SimulatedLine(made, slink3.decoder)) as address:
+        yield address
+
+
+@contextlib.contextmanager
+def served(line: SimulatedLine) -> Iterator[Address]:
+    """A simulated line behind a TCP port; its devices stay within the test's reach."""
+    loop = asyncio.new_event_loop()
     listener = loop.run_until_complete(serve(line, "tcp://127.0.0.1:0"))
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
