@@ -64,7 +64,7 @@ def main(listen: str | None) -> None:
     where = urlsplit(listen or "tcp://127.0.0.1:0")
     listener = socket.create_server((where.hostname or "", where.port or 0))
     port = "tcp://{}:{}".format(*listener.getsockname())
-    print(f"listening on {port}")
+    print(f"listening on {port}", flush=True)
     if listen:
         serve(listener)
     threading.Thread(target=serve, args=(listener,), daemon=True).start()

@@ -111,6 +111,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (OutputGone, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # the disk under the log of writes, say
+        click.secho(f"{error}", err=True, fg="red")
+        return 1
     except Error as error:
         report_failure(error)
         return exit_status(error)

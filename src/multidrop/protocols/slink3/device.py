@@ -161,9 +161,19 @@ class Slink3Device(OneByOne):
         def wanted(sample: Sample) -> bytes:
             return self._encode(point, type_shown_by(sample), write.value, write.force)
 
-        return write_once(
-            point, self.asked(write), lambda: self.read(point), send, wanted, verify=verify
+        return self._written(
+            write,
+            write_once(
+                point, self.asked(write), lambda: self.read(point), send, wanted, verify=verify
+            ),
         )
+
+    def _written(
+        self, write: Write, conversation: Conversation[Frame, Written]
+    ) -> Conversation[Frame, Written]:
+        """The record with the value as its type reads it, where only a read has shown the type."""
+        record = yield from conversation
+        return replace(record, asked=self.asked(write))
 
     def asked(self, write: Write) -> Value:
         """The physical value that a write wants, as far as its type is known."""

@@ -67,3 +67,16 @@ def test_auto_always_lets_the_slave_name_it() -> None:
     slave = of("slink3")
     converse(slave.read(slave.point("8236")), {0: FOUND})
     assert converse(slave.read(slave.point("8236:auto")), {0: FOUND})[1] == [0]
+
+
+def test_a_write_whose_type_a_read_has_shown_asks_for_a_value_not_a_text() -> None:
+    slave = of("slink3")
+    conversation = slave.write(slave.prepare_write("8236", "1234"))
+    answers = iter([FOUND, (Response.OK, b""), FOUND])
+    next(conversation)
+    try:
+        while True:
+            conversation.send(Frame(0, 0, 1, *next(answers)))
+    except StopIteration as stop:
+        record = stop.value
+    assert (record.asked, record.outcome.value) == (1234, "confirmed")
