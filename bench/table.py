@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+from bench import datalink, ultra3000
 from bench.codec import decoding, encoding
 from bench.many_lines import many_lines
 from bench.measure import ROOT, Result
@@ -26,6 +27,8 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "lines": many_lines,
     "startup": startup,
     "memory": memory,
+    "datalink": datalink.rows,
+    "ultra3000": ultra3000.rows,
 }
 README = ROOT / "bench" / "README.md"
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
