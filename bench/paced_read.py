@@ -59,7 +59,8 @@ def paced_read(read: PacedRead, quick: bool) -> list[Result]:
 
 def reads(read: PacedRead, kind: str, burst_ms: float) -> Reads:
     """`READS` reads in a row, after one that does not count."""
-    settings, own = read.line, read.on_the_line + read.line.gap
+    settings = read.line.with_options(timeout=1.0)  # a simulator that stalls is no silent device
+    own = read.on_the_line + read.line.gap
     device = PROTOCOLS[load_profile(read.profile).protocol].device(
         0, load_profile(read.profile), {}
     )
