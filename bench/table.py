@@ -95,7 +95,7 @@ def machine() -> str:
     return (
         f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}; "
         f"{platform.python_implementation()} {platform.python_version()}; {libraries}; "
-        f"{datetime.now(UTC):%Y-%m-%d}; load before the run {os.getloadavg()[0]:.1f}."
+        f"{datetime.now(UTC):%Y-%m-%d}; load before the run {os.getloadavg()[0]:.1f}, nice {os.nice(0)}."
     )
 
 
