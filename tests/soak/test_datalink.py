@@ -64,7 +64,7 @@ class Quiet(Still):
 
 
 class Noisy(SimulatedInstrument):
-    """Behind some answers the line picks up what looks like the beginning of a frame."""
+    """It mishears some changes, with a right LRC, and the line adds the beginning of a frame to some answers."""
 
     def __init__(self, address: int, seed: int) -> None:
         super().__init__(address, Quiet())
@@ -73,8 +73,16 @@ class Noisy(SimulatedInstrument):
     def receive(self, events: list[FrameReceived[Frame] | Damaged], now: float) -> list[bytes]:
         return [
             answer + (b"\x7e\x23\x20" if self._dice.random() < 0.05 else b"")
-            for answer in super().receive(events, now)
+            for answer in super().receive([self._misheard(event) for event in events], now)
         ]
+
+    def _misheard(self, event: FrameReceived[Frame] | Damaged) -> FrameReceived[Frame] | Damaged:
+        if isinstance(event, Damaged) or event.frame.command is not Command.CHANGE:
+            return event
+        if self._dice.random() >= 0.05:
+            return event
+        data = bytes([event.frame.data[0] ^ 0x41]) + event.frame.data[1:]
+        return FrameReceived(event.frame._replace(data=data), event.raw)
 
     def disguise(self, answer: bytes, fault: Any) -> bytes:
         (event, *_) = datalink.decoder().receive_data(answer)
