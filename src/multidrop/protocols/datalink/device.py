@@ -161,6 +161,15 @@ class DatalinkDevice:
         yield from self.master.interrogate(min(area.base for area in self.map.areas.values()), 1)
         return status.unknown(self.map.name)
 
+    def running(self) -> Conversation[Frame, str | None]:
+        """The loops that are in automatic: they move their outputs; None where no source says."""
+        bits = [self.point(text) for text in status.automatic_points(self._points)]
+        loops = []
+        for group in self.plan(bits):
+            samples = yield from self.read_group(group)
+            loops += [str(bit) for bit, sample in zip(group, samples, strict=True) if sample.value]
+        return f"in automatic: {', '.join(loops)}" if loops else None
+
     def clear_faults(self) -> Conversation[Frame, Report]:
         raise UsageError(
             "Datalink has no command that clears faults; an alarm is acknowledged by writing 0 to"

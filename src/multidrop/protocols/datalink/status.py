@@ -31,6 +31,12 @@ def status_points(points: Points) -> list[str]:
     return [TAG, *MODEL] + [bit for bit in (*bits, HORN, *UNACKNOWLEDGED) if points.has(bit)]
 
 
+def automatic_points(points: Points) -> list[str]:
+    """The bits that say that a loop is in automatic, of those loops that the profile has."""
+    bits = [_of_loop(AUTOMATIC, loop) for loop in LOOPS]
+    return [bit for bit in bits if points.has(bit)]
+
+
 _NO_SUCH: dict[str, Any] = {
     "fault": None,
     "status_word": None,

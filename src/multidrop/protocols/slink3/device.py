@@ -11,7 +11,7 @@ from multidrop.device import OneByOne, Report, Write
 from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
 from multidrop.points import Point, Role, Sample, Value
 from multidrop.profile import Profile
-from multidrop.protocols.slink3 import status
+from multidrop.protocols.slink3 import services, status
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
 from multidrop.protocols.slink3.frame import MOST_DATA, Frame
 from multidrop.protocols.slink3.master import Master, StatusWord
@@ -256,6 +256,9 @@ class Slink3Device(OneByOne):
                 f"{self.dialect.name} has no status word and no malfunction code",
             ),
         )
+
+    def running(self) -> Conversation[Frame, str | None]:
+        return services.running(self.master)
 
     def clear_faults(self) -> Conversation[Frame, Report]:
         if Command.STATUS_WORD not in self.dialect.commands:

@@ -206,6 +206,9 @@ class Ultra3000Device(OneByOne):
     def status(self) -> Conversation[Frame, Report]:
         return services.status(self.master)
 
+    def running(self) -> Conversation[Frame, str | None]:
+        return services.running(self.master)
+
     def clear_faults(self) -> Conversation[Frame, Report]:
         return services.clear_faults(self)
 

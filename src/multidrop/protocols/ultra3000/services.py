@@ -62,6 +62,12 @@ def status(master: Master) -> Conversation[Frame, Report]:
     )
 
 
+def running(master: Master) -> Conversation[Frame, str | None]:
+    """Whether the drive is enabled."""
+    drive = yield from master.read_number(DRIVE_STATUS, 8)
+    return "enabled" if drive & named.ENABLED else None
+
+
 def clear_faults(device: Ultra3000Device) -> Conversation[Frame, Report]:
     """Reset faults (06F), then read what is still there (074, and the code of 075)."""
     yield from device.act(RESET_FAULTS, "reset faults")

@@ -96,3 +96,17 @@ def test_map_b_says_only_that_it_answers() -> None:
     assert report.fields["map"] == "B"
     assert report.fields["fault"] is None
     assert report.lines[0] == "map                B"
+
+
+def test_loops_in_automatic_are_running() -> None:
+    instrument = Instrument()
+    one = device(3, load_profile("53mc5000"), {})
+    assert instrument.run(one.running()) is None
+    instrument.memory[0x500 + 131 // 8] |= 1 << 131 % 8
+    assert instrument.run(one.running()).startswith("in automatic: ")
+    assert instrument.run(one.running()).endswith("(L131)")
+
+
+def test_an_instrument_of_no_known_map_cannot_say_whether_it_runs() -> None:
+    one = device(3, load_profile("53sl6000"), {})
+    assert steps_of(one.running()) == ([], None)

@@ -27,6 +27,11 @@ DRIVE = Ultra3000Device(0, PROFILE)
 STATUS = {"0020": "0105", "0730": "00008180", "0740": "00000000", "0750": "00"}
 
 
+@pytest.mark.parametrize(("word", "said"), [("00008180", "enabled"), ("00008100", None)])
+def test_whether_a_drive_is_enabled(word: str, said: str | None) -> None:
+    assert Wire({"0730": word}).run(DRIVE.running()) == said
+
+
 # -- status ------------------------------------------------------------------------------------
 
 
