@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from multidrop.catalog import load_profile
+from multidrop.conversation import Ask
 from multidrop.protocols.slink3 import Frame
 from multidrop.protocols.slink3.device import device
 
@@ -24,6 +25,7 @@ def test_a_drive_says_whether_it_moves(word: int, said: str | None) -> None:
     asking = device(1, load_profile("flexmax"), {}).running()
     question = next(asking)
     answer = Frame(1, 0, 1, 0, word.to_bytes(2, "little"))
+    assert isinstance(question, Ask)
     assert question.frame.encode() == bytes.fromhex("010100080023002A")
     with pytest.raises(StopIteration) as end:
         asking.send(answer)
