@@ -13,6 +13,7 @@ from multidrop.errors import Error, PortError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import BaseConnection, Service, Target, checked
+from multidrop.io.turns import Priority
 from multidrop.naming import DeviceName
 from multidrop.points import Point, Reading, Value
 from multidrop.writing import Written
@@ -23,14 +24,17 @@ class AsyncConnection(BaseConnection):
 
     line: AsyncLine
 
-    async def read(self, point: str | Point) -> Reading:
+    async def read(self, point: str | Point, *, priority: Priority = Priority.OPERATOR) -> Reading:
         """Read one point; raises as the blocking one does."""
         where = self.device.point(point) if isinstance(point, str) else point
-        return (await self.read_group((where,)))[0]
+        return (await self.read_group((where,), priority=priority))[0]
 
-    async def read_group(self, group: Sequence[Point]) -> list[Reading]:
+    async def read_group(
+        self, group: Sequence[Point], *, priority: Priority = Priority.OPERATOR
+    ) -> list[Reading]:
         """Read points that the device's `plan` put together; raises as `read` does."""
-        timed = await self.line.timed(self.device.read_group(group))
+        conversation = self.device.read_group(group)
+        timed = await self.line.timed(conversation, priority, self.device.address)
         return self._readings(group, timed, time.monotonic())
 
     async def write(
@@ -39,7 +43,9 @@ class AsyncConnection(BaseConnection):
         """Write one point and read it back; raises unless that is confirmed."""
         write = self.prepare(point, value, force=force)
         try:
-            record = await self.line.run(self.device.write(write, verify=verify))
+            record = await self.line.run(
+                self.device.write(write, verify=verify), Priority.WRITE, self.device.address
+            )
         except (asyncio.CancelledError, PortError) as why:
             if not self.line.acted:
                 raise
@@ -52,7 +58,7 @@ class AsyncConnection(BaseConnection):
 
     async def status(self) -> Report:
         """What the protocol offers of the device's state."""
-        return await self.line.run(self.device.status())
+        return await self.line.run(self.device.status(), device=self.device.address)
 
     async def clear_faults(self) -> Report:
         """Clear the fault of a drive; one that is not in fault is left alone."""
@@ -69,7 +75,7 @@ class AsyncConnection(BaseConnection):
     async def _serve(self, service: Service) -> Report:
         self.audit.check()
         try:
-            report = await self.line.run(service.conversation)
+            report = await self.line.run(service.conversation, Priority.WRITE, self.device.address)
         except (Error, asyncio.CancelledError) as why:
             self._failed(service, why, self.line.acted)
         return self._answered(service, report, self.line.acted)

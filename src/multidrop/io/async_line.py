@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Hashable
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -21,6 +22,7 @@ from multidrop.io.ports import (
     refuse_kernel,
     tcp_address,
 )
+from multidrop.io.turns import Priority, Turns
 from multidrop.naming import LineOptions
 from multidrop.timing import LineSettings
 
@@ -54,7 +56,7 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
         self._buffer = bytearray(BUFFER)
-        self._turn = asyncio.Lock()
+        self.turns = Turns()
         self._transport: asyncio.WriteTransport | None = None
         self._gone = asyncio.Event()
         self._lost: PortError | None = None
@@ -66,22 +68,38 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
     def counters(self) -> Counters:
         return self._session.counters
 
-    async def run(self, conversation: Conversation[Any, ResultT]) -> ResultT:
-        """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`."""
-        return (await self._carry_out(conversation)).result()
+    async def run(
+        self,
+        conversation: Conversation[Any, ResultT],
+        priority: Priority = Priority.OPERATOR,
+        device: Hashable = None,
+    ) -> ResultT:
+        """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`.
 
-    async def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
+        `device` is whom it is with, usually an address: within a priority devices take turns.
+        """
+        return (await self._carry_out(conversation, priority, device)).result()
+
+    async def timed(
+        self,
+        conversation: Conversation[Any, ResultT],
+        priority: Priority = Priority.OPERATOR,
+        device: Hashable = None,
+    ) -> Timed[ResultT]:
         """The same with the time of the last answer."""
-        exchange = await self._carry_out(conversation)
+        exchange = await self._carry_out(conversation, priority, device)
         result = exchange.result()
         received_at = exchange.received_at if exchange.received_at is not None else self._now()
         return Timed(result, received_at, received_at - exchange.asked_at)
 
-    async def _carry_out(self, conversation: Conversation[Any, ResultT]) -> Exchange[Any, ResultT]:
+    async def _carry_out(
+        self, conversation: Conversation[Any, ResultT], priority: Priority, device: Hashable
+    ) -> Exchange[Any, ResultT]:
         """The exchange when it is done, in its turn."""
         exchange = Exchange(conversation, self._session)
         try:
-            await self._turn.acquire()
+            if not self.turns.take():
+                await self.turns.wait(priority, device)
             try:
                 if self._lost is not None:
                     raise self._lost
@@ -94,7 +112,7 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
                 raise
             finally:
                 self._exchange = None
-                self._turn.release()
+                self.turns.release()
         finally:
             self.acted = exchange.acted
         return exchange

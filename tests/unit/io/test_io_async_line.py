@@ -9,6 +9,7 @@ import pytest
 from multidrop.errors import NoReply, PortError, UsageError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.parity import ParityMarks
+from multidrop.io.turns import Priority
 from multidrop.naming import LineOptions
 from multidrop.protocols import slink3
 from multidrop.sim.faults import Fault
@@ -208,5 +209,26 @@ def test_nothing_is_opened_where_the_options_are_wrong() -> None:
             await open_async_line("tcp://h:1", slink3.LINE, LineOptions(direction="kernel"))
         with pytest.raises(UsageError, match="tcp://HOST:PORT"):
             await open_async_line("tcp://h", slink3.LINE)
+
+    in_virtual_time(main)
+
+
+def test_a_write_goes_before_a_poll() -> None:
+    async def main() -> None:
+        line = asyncio_line(simulated(pace=Pace(11 / 9600)))
+        finished: list[str] = []
+
+        async def read(name: str, priority: Priority) -> None:
+            await line.run(DRIVE.read_typed(8236, INT), priority, name)
+            finished.append(name)
+
+        await asyncio.gather(
+            read("first", Priority.POLL),
+            read("background", Priority.BACKGROUND),
+            read("poll", Priority.POLL),
+            read("operator", Priority.OPERATOR),
+            read("write", Priority.WRITE),
+        )
+        assert finished == ["first", "write", "operator", "poll", "background"]
 
     in_virtual_time(main)
