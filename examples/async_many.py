@@ -13,9 +13,9 @@ import os
 import sys
 from collections.abc import Callable
 
-from multidrop import Error
+from multidrop import Error, open_async_line
 from multidrop.conversation import Conversation
-from multidrop.io.async_line import AsyncLine, open_async_line
+from multidrop.io.async_line import AsyncLine
 from multidrop.protocols import slink3
 from multidrop.protocols.slink3.master import ParameterValue
 

@@ -29,6 +29,7 @@ from multidrop.errors import (
 
 if TYPE_CHECKING:
     from multidrop.io.async_connection import connect_async
+    from multidrop.io.async_line import open_async_line
     from multidrop.io.connection import connect
     from multidrop.io.line import open_line
     from multidrop.points import Reading
@@ -38,6 +39,7 @@ __version__ = "0.1.0"
 _LAZY = {  # so that the pure floors can be imported without the world
     "connect": "multidrop.io.connection",
     "connect_async": "multidrop.io.async_connection",
+    "open_async_line": "multidrop.io.async_line",
     "open_line": "multidrop.io.line",
     "Reading": "multidrop.points",
 }
@@ -64,5 +66,6 @@ __all__ = [
     "connect",
     "connect_async",
     "errors",
+    "open_async_line",
     "open_line",
 ]

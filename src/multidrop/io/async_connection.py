@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
-from multidrop.device import Report
+from multidrop.device import Copy, Report
 from multidrop.errors import Error, PortError
-from multidrop.io.async_line import AsyncLine, open_async_line
+from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.audit import AuditLog
-from multidrop.io.connection import BaseConnection, Service, Target, checked
+from multidrop.io.connection import BaseConnection, Service, Target, checked, keeping
 from multidrop.io.turns import Priority
 from multidrop.naming import DeviceName
 from multidrop.points import Point, Reading, Value
@@ -72,18 +72,31 @@ class AsyncConnection(BaseConnection):
         """Send one command body, in hex, as is."""
         return await self._serve(self._raw(text))
 
+    async def act(self, name: str) -> Report:
+        """An action of the device by its name: homing, a reset. Sent once."""
+        return await self._serve(self._act(name))
+
+    async def copy(self, copy: Copy) -> list[Written]:
+        """Carry out a copy between working and saved value, once; what is known of each point."""
+        self.audit.check()
+        try:
+            records = await self.line.run(
+                keeping(self.device).copy(copy), Priority.WRITE, self.device.address
+            )
+        except (Error, asyncio.CancelledError) as why:
+            self._copy_failed(copy, why, self.line.acted)
+        return self._copied(records)
+
     async def _serve(self, service: Service) -> Report:
         self.audit.check()
         try:
             report = await self.line.run(service.conversation, Priority.WRITE, self.device.address)
         except (Error, asyncio.CancelledError) as why:
-            self._failed(service, why, self.line.acted)
+            self._failed(service.what, why, self.line.acted)
         return self._answered(service, report, self.line.acted)
 
     async def __aenter__(self) -> Self:
-        self.line = await open_async_line(
-            self.target.port, self.target.settings, self.target.options
-        )
+        self.line = await opened(self.target.port, self.target.settings, self.target.options)
         return self
 
     async def __aexit__(

@@ -201,11 +201,14 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         await self.close()
 
 
-async def open_async_line(
-    port: str, settings: LineSettings, options: LineOptions | None = None
-) -> AsyncLine:
-    """Open a port on the running loop. Raises `PortError` that says which and why."""
-    options = options or LineOptions()
+async def open_async_line(port: str, settings: LineSettings, **options: Any) -> AsyncLine:
+    """As `open_line`, on the running loop."""
+    chosen = LineOptions.parse({key: str(value) for key, value in options.items()}, {})
+    return await opened(port, settings.with_options(**chosen.line_settings()), chosen)
+
+
+async def opened(port: str, settings: LineSettings, options: LineOptions) -> AsyncLine:
+    """Open a port for settings in which its options are already. Raises `PortError`."""
     refuse_kernel(port, options)
     network = "://" in port
     line = AsyncLine(settings, options, network=network, name=port)

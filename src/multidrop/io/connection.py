@@ -118,6 +118,10 @@ class BaseConnection:
             for point, sample in zip(group, timed.result, strict=True)
         ]
 
+    def prepare_copy(self, point: str, *, save: bool, force: bool = False) -> Copy:
+        """Check a copy to (`save`) or from the saved value of a point; nothing is sent."""
+        return keeping(self.device).prepare_copy(point, save=save, force=force)
+
     def prepare(self, point: str, value: Value | str, *, force: bool = False) -> Write:
         """Parse, resolve and range-check a write, and the audit log; nothing is sent."""
         write = self.device.prepare_write(point, value, force=force)
@@ -144,23 +148,32 @@ class BaseConnection:
     def _raw(self, text: str) -> Service:
         return Service(f"raw {text}", self.device.prepare_raw(text)(), Outcome.UNVERIFIED)
 
+    def _act(self, name: str) -> Service:
+        return Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
+
+    def _copied(self, records: list[Written]) -> list[Written]:
+        for record in records:
+            self.audit.written(self.name, record)
+        return records
+
+    def _copy_failed(self, copy: Copy, why: BaseException, acted: bool) -> NoReturn:
+        self._failed(f"{'save' if copy.save else 'load'} {copy.point}", why, acted)
+
     def _answered(self, service: Service, report: Report, acted: bool) -> Report:
         if acted:
             outcome = service.outcome.value
             self.audit.append(self.name, service.what, outcome=outcome, answer=report.fields)
         return report
 
-    def _failed(self, service: Service, why: BaseException, acted: bool) -> NoReturn:
+    def _failed(self, what: str, why: BaseException, acted: bool) -> NoReturn:
         """Log what was sent, and raise: a line or a caller that was lost leaves the outcome open."""
         if acted:
             reason = str(why) or "interrupted"
             refused = isinstance(why, DeviceError | NotApplied)
             outcome = Outcome.NOT_APPLIED if refused else Outcome.UNKNOWN
-            self.audit.append(self.name, service.what, outcome=outcome.value, error=reason)
+            self.audit.append(self.name, what, outcome=outcome.value, error=reason)
             if isinstance(why, KeyboardInterrupt | PortError):
-                raise OutcomeUnknown(
-                    f"{service.what} went out, then: {reason}", step=reason
-                ) from why
+                raise OutcomeUnknown(f"{what} went out, then: {reason}", step=reason) from why
         raise why
 
 
@@ -226,17 +239,17 @@ class Connection(BaseConnection):
 
     def act(self, name: str) -> Report:
         """An action of the device by its name: homing, a reset. Sent once."""
-        return self._serve(
-            Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
-        )
+        return self._serve(self._act(name))
 
     def copy(self, copy: Copy) -> list[Written]:
         """Carry out a copy between working and saved value, once; what is known of each point."""
         self.audit.check()
-        records = self.line.run(keeping(self.device).copy(copy))
-        for record in records:
-            self.audit.written(self.name, record)
-        return records
+        self.line.acted = False
+        try:
+            records = self.line.run(keeping(self.device).copy(copy))
+        except (Error, KeyboardInterrupt) as why:
+            self._copy_failed(copy, why, self.line.acted)
+        return self._copied(records)
 
     def _serve(self, service: Service) -> Report:
         self.audit.check()
@@ -244,7 +257,7 @@ class Connection(BaseConnection):
         try:
             report = self.line.run(service.conversation)
         except (Error, KeyboardInterrupt) as why:
-            self._failed(service, why, self.line.acted)
+            self._failed(service.what, why, self.line.acted)
         return self._answered(service, report, self.line.acted)
 
     def __enter__(self) -> Self:

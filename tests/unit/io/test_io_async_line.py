@@ -206,7 +206,7 @@ def test_strays_between_two_exchanges() -> None:
 def test_nothing_is_opened_where_the_options_are_wrong() -> None:
     async def main() -> None:
         with pytest.raises(PortError, match="direction=kernel"):
-            await open_async_line("tcp://h:1", slink3.LINE, LineOptions(direction="kernel"))
+            await open_async_line("tcp://h:1", slink3.LINE, direction="kernel")
         with pytest.raises(UsageError, match="tcp://HOST:PORT"):
             await open_async_line("tcp://h", slink3.LINE)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from integration.virtual_time import WireTransport
 
 from multidrop.errors import (
     DeviceError,
@@ -18,13 +19,18 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.io.async_connection import AsyncConnection
+from multidrop.io.async_line import AsyncLine
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target
+from multidrop.io.line import Line
+from multidrop.io.memory import MemoryPort
 from multidrop.io.parity import ParityMarks
 from multidrop.naming import parse_device
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile
+from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault
+from multidrop.sim.line import SimulatedLine
 from unit.io.lines import asyncio_line, blocking, in_virtual_time, scripted, simulated
 
 SCALED = PointDescription("tension", "1009:int16", Role.SETTING, unit="N", scale=0.1, maximum=20.0)
@@ -240,6 +246,89 @@ def test_a_line_that_is_lost_in_the_middle_of_a_write(log: AuditLog) -> None:
         assert [line["outcome"] for line in logged(log)] == ["unknown"]
 
     in_virtual_time(main)
+
+
+def servo(*faults: Any) -> tuple[Target, SimulatedLine]:
+    """An Ultra3000, and the line that it is on."""
+    found = Target(parse_device("ultra3000:0@wire,echo=off"))
+    devices = [simulated_device("ultra3000", 0)]
+    return found, SimulatedLine(
+        devices, found.settings.decoder, faults=scripted(*faults, late=0.25)
+    )
+
+
+def homing(log: AuditLog) -> Connection:
+    found, wire = servo()
+    line = Line(MemoryPort(wire.attach()), found.settings, found.options)
+    return Connection(found, found.device(), line, log)
+
+
+def homing_on_asyncio(log: AuditLog, *faults: Any) -> AsyncConnection:
+    """To be called in a running loop."""
+    found, wire = servo(*faults)
+    connection = AsyncConnection(found, found.device(), log)
+    connection.line = AsyncLine(found.settings, found.options, network=False)
+    WireTransport(wire.attach(), connection.line)
+    return connection
+
+
+def test_actions_and_copies_are_logged(log: AuditLog) -> None:
+    connection = homing(log)
+    connection.act("define_home")
+    (record,) = connection.copy(connection.prepare_copy("kp", save=True))
+    assert record.outcome == "confirmed"
+    assert [(line["point"], line["outcome"]) for line in logged(log)] == [
+        ("define_home", "confirmed"),
+        ("0x011@nv", "confirmed"),
+    ]
+
+
+class LostOnCopy(Lost):
+    def write(self, data: bytes) -> None:
+        self._gone = data[6:7] == b"5"  # the function: working to saved value
+        self._port.write(data)
+
+
+@pytest.mark.parametrize("why", [PortError("unplugged"), KeyboardInterrupt()])
+def test_a_copy_that_was_in_flight_when_it_broke_off(log: AuditLog, why: BaseException) -> None:
+    connection = homing(log)
+    connection.line.port = LostOnCopy(connection, why)
+    with pytest.raises(OutcomeUnknown, match=r"save kp .* went out, then: (unplu|interru)"):
+        connection.copy(connection.prepare_copy("kp", save=True))
+    assert [line["outcome"] for line in logged(log)] == ["unknown"]
+
+
+def test_a_copy_whose_value_cannot_be_read_is_neither_sent_nor_logged(log: AuditLog) -> None:
+    connection = homing(log)
+    connection.line.port = MemoryPort(SimulatedLine([], connection.line.settings.decoder).attach())
+    with pytest.raises(NoReply):
+        connection.copy(connection.prepare_copy("kp", save=True))
+    assert logged(log) == []
+
+
+def test_asyncio_acts_and_copies_too(log: AuditLog) -> None:
+    async def main() -> None:
+        connection = homing_on_asyncio(log)
+        await connection.act("define_home")
+        (record,) = await connection.copy(connection.prepare_copy("kp", save=True))
+        assert record.outcome == "confirmed"
+
+    in_virtual_time(main)
+    assert [line["outcome"] for line in logged(log)] == ["confirmed", "confirmed"]
+
+
+def test_a_copy_that_is_cancelled_in_flight_is_logged_as_unknown(log: AuditLog) -> None:
+    async def main() -> None:
+        connection = homing_on_asyncio(log, None, None, None, Fault.LATE_ANSWER)
+        copy = connection.prepare_copy("kp", save=False)
+        copying = asyncio.ensure_future(connection.copy(copy))
+        await asyncio.sleep(0.1)
+        copying.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await copying
+
+    in_virtual_time(main)
+    assert [(line["point"][:4], line["outcome"]) for line in logged(log)] == [("load", "unknown")]
 
 
 def test_nothing_goes_out_where_the_log_cannot_be_written(tmp_path: Path) -> None:
