@@ -28,6 +28,7 @@ GROUND = {
     "exchange",
     "naming",
     "points",
+    "probing",
     "profile",
     "timing",
     "unanswered",

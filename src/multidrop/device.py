@@ -14,6 +14,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 from multidrop.conversation import Conversation
 from multidrop.decoder import Decoder
 from multidrop.points import Point, Sample, Value
+from multidrop.probing import Prober
 from multidrop.profile import Profile
 from multidrop.timing import LineSettings
 from multidrop.writing import Written
@@ -192,6 +193,8 @@ class ProtocolModule(Protocol):
     line: LineSettings
     options: Mapping[str, str]
     """Keys of its own behind a device's name, and what they mean."""
+    prober: Prober
+    """How a scan finds its devices."""
 
     def line_for(self, options: Mapping[str, str]) -> LineSettings:
         """The line's settings with these options of the protocol's own. Raises `UsageError`."""

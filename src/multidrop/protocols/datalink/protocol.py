@@ -13,6 +13,7 @@ from multidrop.protocols import datalink
 from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.device import device, stuffing_of
 from multidrop.protocols.datalink.frame import Command, Frame, decoder
+from multidrop.protocols.datalink.probe import DatalinkProber
 from multidrop.timing import LineSettings
 
 
@@ -23,6 +24,7 @@ class Datalink:
         "stuffing": "on (default), or off where the instruments have byte stuffing switched off",
         "settle": "s that an instrument is given to show a change (1)",
     }
+    prober = DatalinkProber()
 
     decoder = staticmethod(decoder)
     device = staticmethod(device)

@@ -10,6 +10,7 @@ from multidrop.protocols.slink3.broadcast import prepare_broadcast
 from multidrop.protocols.slink3.describe import describe
 from multidrop.protocols.slink3.device import device
 from multidrop.protocols.slink3.frame import Frame, decoder
+from multidrop.protocols.slink3.probe import Slink3Prober
 from multidrop.timing import LineSettings
 
 
@@ -19,6 +20,7 @@ class Slink3:
     options: Mapping[str, str] = {
         "broadcast": "broadcast address, 128..255 (flexmax 255, ax-v 128)"
     }
+    prober = Slink3Prober()
 
     decoder = staticmethod(decoder)
     device = staticmethod(device)

@@ -9,6 +9,7 @@ from multidrop.protocols.ultra3000.broadcast import prepare_broadcast
 from multidrop.protocols.ultra3000.describe import describe, from_master
 from multidrop.protocols.ultra3000.device import device
 from multidrop.protocols.ultra3000.frame import decoder
+from multidrop.protocols.ultra3000.probe import Ultra3000Prober
 from multidrop.timing import LineSettings
 
 
@@ -16,6 +17,7 @@ class Ultra3000:
     name = "ultra3000"
     line: LineSettings = ultra3000.LINE
     options: Mapping[str, str] = {"broadcast": "broadcast address, 0..255 (as delivered 255)"}
+    prober = Ultra3000Prober()
 
     decoder = staticmethod(decoder)
     device = staticmethod(device)
