@@ -22,10 +22,14 @@ from multidrop.writing import Written
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a service found: `fields` for programs, `lines` for people."""
+    """What a service found: `fields` for programs, `lines` for people.
+
+    `refused` is whether the device's answer, shown as it came, is a refusal.
+    """
 
     fields: dict[str, Any] = field(default_factory=dict)
     lines: tuple[str, ...] = ()
+    refused: bool = False
 
 
 @dataclass(frozen=True, slots=True)

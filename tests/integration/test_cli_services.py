@@ -80,12 +80,32 @@ def test_raw(fresh: Address, audit: Path) -> None:
     assert "data 11 22" in ran.out
     ran = multidrop("raw", device, "9900")
     assert "0018h unknown command" in ran.out
+    assert ran.status == 3
     assert [line["point"] for line in logged(audit)] == [
         "raw 23 00",
         "raw dgfc/CDAB1122",
         "raw 9900",
     ]
     assert multidrop("raw", fresh.device("flexmax:99", timeout=0.05), "2300").status == 4
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("status",), ("clear-faults",), ("reset-comm",), ("raw", "2300")],
+    ids=lambda c: c[0],
+)
+def test_a_failure_is_a_json_line(fresh: Address, command: tuple[str, ...]) -> None:
+    device = fresh.device("flexmax:99", timeout=0.05)
+    ran = multidrop(command[0], device, *command[1:], "--json")
+    assert ran.status == 4
+    assert device.startswith(ran.object["device"])
+    assert ran.object["error"]["kind"] == "no-reply"
+
+
+def test_a_port_that_cannot_be_opened_is_a_json_line() -> None:
+    ran = multidrop("status", "flexmax:0@/no/such/port", "--json")
+    assert ran.status == 5
+    assert ran.object["error"]["kind"] == "port"
 
 
 def test_broadcast(fresh: Address, audit: Path) -> None:

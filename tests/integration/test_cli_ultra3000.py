@@ -285,6 +285,13 @@ def test_raw(axes: Simulator) -> None:
     assert (found["response"], found["data"]) == (0, "FF")
     ran = multidrop("raw", device, "0111")
     assert "write working 011: invalid data" in ran.out
+    assert ran.status == 3
+    assert (
+        multidrop("save", "ultra3000:9@" + axes.port, "kp", "--json", "--timeout", "0.05").object[
+            "error"
+        ]["kind"]
+        == "no-reply"
+    )
     assert multidrop("raw", device, "8000").status == 2
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import exit_status, report_failure
+from multidrop.cli.failures import exit_status, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.writing import as_line, parse_assignment
 from multidrop.conversation import Conversation
@@ -51,7 +51,7 @@ def broadcast(
         f"Write {', '.join(assignments)} of every slave on {target.port}?",
         needs_yes=any(speaker.point(text).role is Role.COMMAND for text, _ in points),
     )
-    with _open(target, common) as wire:
+    with failure_as_line(str(target.name), common.json), _open(target, common) as wire:
         try:
             found = _broadcast(wire, converse())
         except BaseException:

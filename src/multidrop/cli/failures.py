@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -44,6 +47,18 @@ def failure(error: Error) -> dict[str, Any]:
     else:
         facts["text"] = str(error)
     return facts
+
+
+@contextmanager
+def failure_as_line(device: str, wanted: bool) -> Iterator[None]:
+    """What fails in here is a JSON line too, where that is `wanted`: of the device, not of a point."""
+    try:
+        yield
+    except Error as error:
+        if wanted:
+            line = {"v": 1, "device": device, "error": failure(error)}
+            click.echo(json.dumps(line, ensure_ascii=False))
+        raise
 
 
 def report_failure(error: Error, what: str = "") -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import exit_status, failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.reading import with_progress
 from multidrop.cli.writing import as_line, show_record
@@ -44,7 +44,7 @@ def _copy_all(common: Common, device: str, points: tuple[str, ...], *, save: boo
     moving = [str(copy.point) for copy in copies if copy.point.role is Role.COMMAND]
     if moving:
         common.confirm(f"{', '.join(moving)} may move {device}. Do it?", needs_yes=True)
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         return _carry_out(connection, copies, common.json)
 
 
@@ -75,7 +75,7 @@ def compare_memory(common: Common, device: str, everything: bool) -> int:
     points = keeping(target.device()).comparable()
     status = 0
     found: list[Memory] = []
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         for point, memory in with_progress(_compared(connection, points), len(points)):
             if isinstance(memory, Error):
                 status = max(status, exit_status(memory))

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json as json_module
+from collections.abc import Callable
 
 import click
 
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
 from multidrop.device import Report
-from multidrop.io.connection import acting
+from multidrop.io.connection import Connection, Target, acting
+
+REFUSED = 3
+"""Exit status of an answer that is shown, and is a refusal."""
 
 
 @click.command(epilog="Example: multidrop status flexmax:0@/dev/ttyUSB0")
@@ -18,8 +23,7 @@ def status(common: Common, device: str) -> None:
     """Show state, fault bit, malfunction code and status word of DEVICE by name."""
     target = common.target(device)
     target.device().status()
-    with common.connect(target) as connection:
-        _show(common, connection.name, connection.status())
+    _served(common, target, Connection.status)
 
 
 @click.command(epilog="Example: multidrop clear-faults flexmax:0@/dev/ttyUSB0")
@@ -30,8 +34,7 @@ def clear_faults(common: Common, device: str) -> None:
     target = common.target(device)
     target.device().clear_faults()
     common.confirm(f"Clear the fault of {device}?", needs_yes=False)
-    with common.connect(target) as connection:
-        _show(common, connection.name, connection.clear_faults())
+    _served(common, target, Connection.clear_faults)
 
 
 @click.command(epilog="Example: multidrop reset-comm flexmax:0@/dev/ttyUSB0")
@@ -41,8 +44,7 @@ def reset_comm(common: Common, device: str) -> None:
     """Reset the serial interface of DEVICE. Its faults stay: see clear-faults."""
     target = common.target(device)
     target.device().reset_comm()
-    with common.connect(target) as connection:
-        _show(common, connection.name, connection.reset_comm())
+    _served(common, target, Connection.reset_comm)
 
 
 @click.command(
@@ -53,14 +55,14 @@ def reset_comm(common: Common, device: str) -> None:
 @click.argument("device")
 @click.argument("body", nargs=-1, required=True, metavar="HEX...")
 @common(force="go on without an audit log", writes=True)
-def raw(common: Common, device: str, body: tuple[str, ...]) -> None:
+def raw(common: Common, device: str, body: tuple[str, ...]) -> int:
     """Send one command body to DEVICE as is, once, and show the reply."""
     target = common.target(device)
     text = " ".join(body)
     target.device().prepare_raw(text)
     common.confirm(f"Send {text} to {device}? It may move the machine.", needs_yes=False)
-    with common.connect(target) as connection:
-        _show(common, connection.name, connection.raw(text))
+    report = _served(common, target, lambda connection: connection.raw(text))
+    return REFUSED if report.refused else 0
 
 
 @click.command(epilog="Example: multidrop action ultra3000:0@/dev/ttyUSB0 define_home")
@@ -78,8 +80,15 @@ def action(common: Common, device: str, name: str | None) -> None:
         return
     worked_out.prepare_action(name)
     common.confirm(f"{name} of {device} may move or change the machine. Do it?", needs_yes=True)
-    with common.connect(target) as connection:
-        _show(common, connection.name, connection.act(name))
+    _served(common, target, lambda connection: connection.act(name))
+
+
+def _served(common: Common, target: Target, ask: Callable[[Connection], Report]) -> Report:
+    """What the device answered, shown; what went wrong instead is a JSON line too."""
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
+        report = ask(connection)
+    _show(common, str(target.name), report)
+    return report
 
 
 def _show(common: Common, device: str, report: Report) -> None:

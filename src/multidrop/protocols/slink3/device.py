@@ -14,7 +14,7 @@ from multidrop.profile import Profile
 from multidrop.protocols.slink3 import services, status
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
 from multidrop.protocols.slink3.frame import MOST_DATA, Frame
-from multidrop.protocols.slink3.master import Master, StatusWord
+from multidrop.protocols.slink3.master import NO_REFUSALS, Master, StatusWord
 from multidrop.protocols.slink3.messages import (
     Command,
     Response,
@@ -345,6 +345,7 @@ class Slink3Device(OneByOne):
                     f"{command_name(code)}: {reply.code:04X}h {response_meaning(reply.code)}",
                     f"data {reply.data.hex(' ').upper() or 'none'}",
                 ),
+                refused=reply.code not in NO_REFUSALS,
             )
 
         return converse

@@ -128,6 +128,7 @@ def prepare_raw(master: Master, text: str) -> Callable[[], Conversation[Frame, R
                 "data": "" if code else answer.data,
             },
             (f"{name} {frame.parameter:03X}: {text}", f"data {answer.data or 'none'}"),
+            refused=answer.is_refusal,
         )
 
     return converse
