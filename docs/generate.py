@@ -22,7 +22,14 @@ DOCS = Path(__file__).resolve().parent
 PROFILES = Path("reference/profiles")
 COMMAND_LINE = Path("reference/command-line.md")
 MANY = 20  # points that begin alike have a table of their own
-SHARED = {"json", "trace", "profile", "config", "help"}  # options that most commands have
+SHARED = {
+    "json",
+    "trace",
+    "capture",
+    "profile",
+    "config",
+    "help",
+}  # options that most commands have
 
 
 def pages() -> dict[Path, str]:

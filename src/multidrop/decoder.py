@@ -42,6 +42,11 @@ class Decoder(Generic[FrameT]):
         return bool(self._buffer)
 
     @property
+    def held(self) -> int:
+        """How many bytes that is."""
+        return len(self._buffer)
+
+    @property
     def unfinished(self) -> bool:
         """Whether some of them may be the beginning of a frame; the rest is damage that is held back."""
         return len(self._buffer) > self._dropped

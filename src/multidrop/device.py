@@ -194,6 +194,8 @@ class ProtocolModule(Protocol):
     """A protocol, as `PROTOCOLS` holds it."""
 
     name: ClassVar[str]
+    link_type: ClassVar[int]
+    """Of its packets in a capture: one of pcapng's numbers for private use, 147..162."""
     line: LineSettings
     options: Mapping[str, str]
     """Keys of its own behind a device's name, and what they mean."""

@@ -31,6 +31,7 @@ def test_frames_come_out_as_soon_as_they_are_whole(decoder: Decoder[str]) -> Non
     assert decoder.receive_data(b"(a)(b)(") == [frame("a"), frame("b")]
     assert decoder.pending
     assert decoder.receive_data(b"c") == []
+    assert decoder.held == 2
     assert decoder.receive_data(b")") == [frame("c")]
     assert not decoder.pending
 

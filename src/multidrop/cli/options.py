@@ -1,4 +1,4 @@
-"""What most commands share: the device, the keys of its line, --json, --trace, --yes."""
+"""What most commands share: the device, the keys of its line, --json, --trace, --capture, --yes."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from multidrop.io.line import Line
 from multidrop.naming import LINE_KEYS, parse_device
 
 if TYPE_CHECKING:
+    from multidrop.io.async_line import AsyncLine
     from multidrop.plantfile import Plant, PlantDevice
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
@@ -43,6 +44,7 @@ class Common:
     keys: dict[str, str]
     profile: str | None
     config: str | None
+    capture: str | None = None
 
     def target(self, device: str, *, broadcast: bool = False) -> Target:
         """The device of a name. Raises `UsageError`."""
@@ -60,13 +62,16 @@ class Common:
     def plant(self) -> Plant:
         from multidrop.plantfile import load_plant
 
-        path = Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
+        path = self._plant_path()
         if not path.exists() and self.config is None:
             raise UsageError(
                 f"a name without @ is looked up in {path}, and there is none here; "
                 "a device is PROFILE:ADDRESS@PORT, as in flexmax:0@/dev/ttyUSB0"
             )
         return load_plant(path, load_profile)
+
+    def _plant_path(self) -> Path:
+        return Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
 
     def _plant_target(self, found: PlantDevice) -> Target:
         return Target(_with_keys(found.device, self.keys), found.profile)
@@ -75,20 +80,31 @@ class Common:
         return AuditLog(origin="command line", force=self.force)
 
     def connect(self, target: Target) -> Connection:
-        """Open the device's line, with a trace on it if that was asked for."""
+        """Open the device's line, with a trace and a capture on it if those were asked for."""
         connection = connect(target, audit=self.audit())
         self.watch(connection.line, target)
         return connection
 
-    def watch(self, line: Line, target: Target) -> None:
-        """Put a trace on a line if that was asked for."""
-        if not self.trace:
-            return
-        from multidrop.cli.trace import Trace
+    def watch(self, line: Line | AsyncLine, target: Target) -> None:
+        """Put a trace and a capture on a line if those were asked for. Raises `UsageError`."""
+        if self.trace:
+            from multidrop.cli.trace import Trace
 
-        trace = Trace(target.protocol, target.settings.decoder, sys.stderr)
-        line.taps.append(trace)
-        click.get_current_context().call_on_close(trace.finish)
+            trace = Trace(target.protocol, target.settings.decoder, sys.stderr)
+            line.taps.append(trace)
+            click.get_current_context().call_on_close(trace.finish)
+        if self.capture:
+            from multidrop.cli.capturing import capture_line
+
+            capture_line(line, target, self.capture, self._known_on(target))
+
+    def _known_on(self, target: Target) -> list[PlantDevice]:
+        """The devices that the plant file has on the same port."""
+        path = self._plant_path()
+        if not path.exists():
+            return []
+        plant = self.plant()
+        return [device for device in plant.devices.values() if device.device.port == target.port]
 
     def confirm(self, question: str, *, needs_yes: bool) -> None:
         """Ask where somebody can answer; elsewhere go on, or demand --yes. Raises `UsageError`."""
@@ -128,6 +144,7 @@ def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], Com
                 keys=keys,
                 profile=given.pop("profile"),
                 config=given.pop("config"),
+                capture=given.pop("capture"),
             )
             return command(common=options, **given)
 
@@ -144,6 +161,9 @@ def _decorated(command: Any, force: str, writes: bool) -> Any:
         "--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}"
     )(command)
     command = click.option("--profile", metavar="FILE", help="a profile of your own, TOML")(command)
+    command = click.option(
+        "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
+    )(command)
     command = click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")(
         command
     )

@@ -19,6 +19,7 @@ from multidrop.timing import LineSettings
 
 class Datalink:
     name = "datalink"
+    link_type = 148  # LINKTYPE_USER1
     line: LineSettings = datalink.LINE
     options: Mapping[str, str] = {
         "stuffing": "on (default), or off where the instruments have byte stuffing switched off",

@@ -16,6 +16,7 @@ from multidrop.timing import LineSettings
 
 class Slink3:
     name = "slink3"
+    link_type = 147  # LINKTYPE_USER0
     line: LineSettings = slink3.LINE
     options: Mapping[str, str] = {
         "broadcast": "broadcast address, 128..255 (flexmax 255, ax-v 128)"

@@ -15,6 +15,7 @@ from multidrop.timing import LineSettings
 
 class Ultra3000:
     name = "ultra3000"
+    link_type = 149  # LINKTYPE_USER2
     line: LineSettings = ultra3000.LINE
     options: Mapping[str, str] = {"broadcast": "broadcast address, 0..255 (as delivered 255)"}
     prober = Ultra3000Prober()
