@@ -27,10 +27,12 @@ GROUND = {
     "events",
     "exchange",
     "naming",
+    "observer",
     "points",
     "probing",
     "profile",
     "timing",
+    "transaction",
     "unanswered",
     "writing",
 }

@@ -17,6 +17,7 @@ from multidrop.points import Point, Sample, Value
 from multidrop.probing import Prober
 from multidrop.profile import Profile
 from multidrop.timing import LineSettings
+from multidrop.transaction import Meaning
 from multidrop.writing import Written
 
 
@@ -212,7 +213,26 @@ class ProtocolModule(Protocol):
         """A decoded frame in one line, for traces."""
         ...
 
-    def from_master(self, frame: Any) -> bool: ...
+    def from_master(self, frame: Any) -> bool:
+        """Whether a master sent it, as far as a frame shows by itself."""
+        ...
+
+    def continues(self, frames: Sequence[Any], frame: Any) -> bool:
+        """Whether a frame belongs to the transaction of `frames` so far.
+
+        It may be the answer to their question, or the acknowledge of their
+        change. Of no frames: whether it may be the question of a new one.
+        """
+        ...
+
+    def explain(self, frames: Sequence[Any], profile: Profile) -> Meaning:
+        """What the frames of one transaction say, at least one; names and types by the profile.
+
+        Nothing that a decoder yields makes it raise. Raises `UsageError` for a
+        profile that says what the protocol cannot.
+        """
+        ...
+
     def prepare_broadcast(
         self,
         profile: Profile,

@@ -9,11 +9,14 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from multidrop.description import PointDescription, Role
 from multidrop.errors import UsageError
+
+ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,24 @@ class Profile:
     def nearest_name(self, name: str) -> str:
         """` - did you mean 'x'?` or nothing."""
         return nearest(name, self.points)
+
+
+class OfProfile(Generic[ResultT]):
+    """Something that is worked out from a profile, once for each; profiles never change."""
+
+    MOST = 256  # profiles that are remembered
+
+    def __init__(self, work_out: Callable[[Profile], ResultT]) -> None:
+        self._work_out = work_out
+        self._known: dict[int, tuple[Profile, ResultT]] = {}  # a profile has no hash, but an id
+
+    def __call__(self, profile: Profile) -> ResultT:
+        known = self._known.get(id(profile))
+        if known is None:
+            if len(self._known) == self.MOST:
+                self._known.clear()
+            known = self._known[id(profile)] = profile, self._work_out(profile)
+        return known[1]
 
 
 _POINT_KEYS = {item.name: item.type for item in fields(PointDescription) if item.name != "name"}
@@ -135,4 +156,4 @@ def nearest(word: str, known: Any) -> str:
     return f" - did you mean {found[0]!r}?" if found else ""
 
 
-__all__ = ["PointDescription", "Profile", "check_keys", "nearest"]
+__all__ = ["OfProfile", "PointDescription", "Profile", "check_keys", "nearest"]

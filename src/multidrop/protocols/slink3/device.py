@@ -20,7 +20,6 @@ from multidrop.protocols.slink3.messages import (
     Response,
     command_name,
     response_meaning,
-    type_name,
 )
 from multidrop.protocols.slink3.points import ParameterPoint, parse_point
 from multidrop.protocols.slink3.values import (
@@ -73,7 +72,7 @@ class Slink3Device(OneByOne):
         self, point: ParameterPoint, type_code: Format
     ) -> Conversation[Frame, Sample]:
         found = yield from self.master.read_standard(point.index, point.subindex or 0, type_code)
-        return Sample(found.value, type_code.type_name, found.raw, self._fault(found.fault))
+        return found.sample(self._fault(found.fault))
 
     def _read_as(self, point: ParameterPoint, type_code: Format) -> Conversation[Frame, Sample]:
         found = yield from self.master.read_typed(
@@ -81,8 +80,7 @@ class Slink3Device(OneByOne):
         )
         if found.type_code in Format._value2member_map_:
             self._types[point.text] = Format(found.type_code)
-        name = type_name(found.type_code)
-        return Sample(found.value, name, found.raw, self._fault(found.fault))
+        return found.sample(self._fault(found.fault))
 
     def _read_naming(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """The slave names the type, where it can: a profile that fits any drive may promise too much."""

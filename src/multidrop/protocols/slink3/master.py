@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from multidrop.conversation import Ask, Conversation, Tell
 from multidrop.errors import DeviceError, ProtocolError, UsageError
+from multidrop.points import Sample
 from multidrop.protocols.slink3.dialects import SLINK3, Dialect
 from multidrop.protocols.slink3.frame import Frame
 from multidrop.protocols.slink3.messages import (
@@ -44,6 +45,10 @@ class ParameterValue:
         """Raises `ProtocolError` where the bytes do not fit the type."""
         known = self.type_code in Format._value2member_map_
         return decode_value(Format(self.type_code), self.raw) if known else self.raw
+
+    def sample(self, fault: bool | None) -> Sample:
+        """The same as a sample; `fault` is None in a dialect without the bit."""
+        return Sample(self.value, type_name(self.type_code), self.raw, fault)
 
 
 @dataclass(frozen=True, slots=True)

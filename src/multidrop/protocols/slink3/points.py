@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from multidrop.errors import UsageError
 from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
-from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, Dialect
-from multidrop.protocols.slink3.messages import Command
+from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
+from multidrop.protocols.slink3.messages import Command, StandardParameter, TypedParameter
 from multidrop.protocols.slink3.status import CONTROL_WORD
 from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format
 
@@ -156,14 +156,34 @@ def _point(
     )
 
 
-def _described(point: ParameterPoint, profile: Profile, dialect: Dialect) -> ParameterPoint:
-    """The same point with what the profile says of its index."""
+def point_of(
+    parameter: TypedParameter | StandardParameter,
+    destination: int,
+    profile: Profile,
+    dialect: Dialect,
+) -> ParameterPoint:
+    """The point that a frame names, also one that the dialect would not let a user name."""
+    standard = isinstance(parameter, StandardParameter)
+    point = _point(parameter.index, parameter.subindex, destination, standard, None, dialect)
+    return _known(point, profile, dialect) or point
+
+
+def _known(point: ParameterPoint, profile: Profile, dialect: Dialect) -> ParameterPoint | None:
+    """The same point with what the profile says of its index; None where it says nothing."""
     for description in profile.points.values():
         known = _location(description, dialect)
         if known.text == point.text:
             return _with_description(point, known, description)
     if point.standard and point.index == CONTROL_WORD:
-        return _with_description(point, _location(_CONTROL_WORD, dialect), _CONTROL_WORD)
+        return _with_description(point, _location(_CONTROL_WORD, SLINK3), _CONTROL_WORD)
+    return None
+
+
+def _described(point: ParameterPoint, profile: Profile, dialect: Dialect) -> ParameterPoint:
+    """The same point with what the profile says of its index."""
+    known = _known(point, profile, dialect)
+    if known is not None:
+        return known
     if point.standard and point.type_code in (None, Format.VOID):
         raise UsageError(
             f"{point.text!r} needs a type: a Drivecom parameter does not carry one. {GRAMMAR}"

@@ -9,6 +9,7 @@ from multidrop.protocols import slink3
 from multidrop.protocols.slink3.broadcast import prepare_broadcast
 from multidrop.protocols.slink3.describe import describe
 from multidrop.protocols.slink3.device import device
+from multidrop.protocols.slink3.explain import continues, explain
 from multidrop.protocols.slink3.frame import Frame, decoder
 from multidrop.protocols.slink3.probe import Slink3Prober
 from multidrop.timing import LineSettings
@@ -26,6 +27,8 @@ class Slink3:
     decoder = staticmethod(decoder)
     device = staticmethod(device)
     describe = staticmethod(describe)
+    continues = staticmethod(continues)
+    explain = staticmethod(explain)
     prepare_broadcast = staticmethod(prepare_broadcast)
 
     @staticmethod
