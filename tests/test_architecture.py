@@ -31,6 +31,7 @@ GROUND = {
     "points",
     "probing",
     "profile",
+    "relay",
     "timing",
     "transaction",
     "unanswered",

@@ -16,6 +16,7 @@ from multidrop.decoder import Decoder
 from multidrop.points import Point, Sample, Value
 from multidrop.probing import Prober
 from multidrop.profile import Profile
+from multidrop.relay import Relay
 from multidrop.timing import LineSettings
 from multidrop.transaction import Meaning
 from multidrop.writing import Written
@@ -231,6 +232,10 @@ class ProtocolModule(Protocol):
         Nothing that a decoder yields makes it raise. Raises `UsageError` for a
         profile that says what the protocol cannot.
         """
+        ...
+
+    def relay(self, options: Mapping[str, str]) -> Relay[Any]:
+        """Its frames on a line that many masters share. Raises `UsageError`."""
         ...
 
     def prepare_broadcast(

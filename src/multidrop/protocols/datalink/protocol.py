@@ -14,6 +14,7 @@ from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.device import device, stuffing_of
 from multidrop.protocols.datalink.frame import Command, Frame, decoder
 from multidrop.protocols.datalink.probe import DatalinkProber
+from multidrop.protocols.datalink.relay import DatalinkRelay
 from multidrop.timing import LineSettings
 
 
@@ -51,6 +52,10 @@ class Datalink:
         keep_going: bool = False,
     ) -> Callable[[], Conversation[Frame, list[Received]]]:
         raise UsageError("Datalink has no broadcast: write each instrument by its address")
+
+    @staticmethod
+    def relay(options: Mapping[str, str]) -> DatalinkRelay:
+        return DatalinkRelay()
 
 
 __all__ = ["Datalink", "Decoder"]

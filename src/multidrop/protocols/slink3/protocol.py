@@ -12,6 +12,7 @@ from multidrop.protocols.slink3.device import device
 from multidrop.protocols.slink3.explain import continues, explain
 from multidrop.protocols.slink3.frame import Frame, decoder
 from multidrop.protocols.slink3.probe import Slink3Prober
+from multidrop.protocols.slink3.relay import Slink3Relay
 from multidrop.timing import LineSettings
 
 
@@ -38,6 +39,10 @@ class Slink3:
     @staticmethod
     def from_master(frame: Frame) -> bool:
         return not frame.is_answer
+
+    @staticmethod
+    def relay(options: Mapping[str, str]) -> Slink3Relay:
+        return Slink3Relay()
 
 
 __all__ = ["Decoder", "Slink3"]

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from multidrop.protocols import ultra3000
 from multidrop.protocols.ultra3000.broadcast import prepare_broadcast
 from multidrop.protocols.ultra3000.describe import describe, from_master
-from multidrop.protocols.ultra3000.device import device
+from multidrop.protocols.ultra3000.device import broadcast_of, device
 from multidrop.protocols.ultra3000.frame import decoder
 from multidrop.protocols.ultra3000.probe import Ultra3000Prober
+from multidrop.protocols.ultra3000.relay import Ultra3000Relay
 from multidrop.timing import LineSettings
 
 
@@ -29,6 +30,10 @@ class Ultra3000:
     @staticmethod
     def line_for(options: Mapping[str, str]) -> LineSettings:
         return ultra3000.LINE  # no option of its own changes it
+
+    @staticmethod
+    def relay(options: Mapping[str, str]) -> Ultra3000Relay:
+        return Ultra3000Relay(broadcast_of(options))
 
 
 __all__ = ["Ultra3000"]
