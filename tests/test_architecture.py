@@ -27,6 +27,7 @@ GROUND = {
     "events",
     "exchange",
     "naming",
+    "numerals",
     "observer",
     "points",
     "probing",

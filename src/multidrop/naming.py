@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from multidrop.errors import UsageError
+from multidrop.numerals import whole_number
 from multidrop.profile import nearest
 from multidrop.timing import Format
 
@@ -92,9 +93,8 @@ def _value(key: str, text: str) -> object:
         return text
     if key == "format":
         return Format.parse(text)
-    kind = int if key in ("baud", "attempts") else float
     try:
-        return kind(text)
+        return whole_number(text) if key in ("baud", "attempts") else float(text)
     except ValueError:
         raise UsageError(f"{key}={text!r} is not a number") from None
 
@@ -136,7 +136,7 @@ def _who(who: str, text: str) -> tuple[str, int]:
     profile, colon, address = who.partition(":")
     if not colon or not profile or not re.fullmatch(r"\d+|0[xX][0-9a-fA-F]+", address):
         raise UsageError(f"{text!r} is not a device: {GRAMMAR}")
-    return profile, int(address, 16 if "x" in address.lower() else 10)
+    return profile, whole_number(address)
 
 
 def parse_simulated(text: str) -> tuple[str, int, str | None]:

@@ -16,6 +16,7 @@ from multidrop.errors import OutcomeUnknown, PortError, UsageError
 from multidrop.io.connection import Target
 from multidrop.io.line import Line
 from multidrop.io.ports import open_port
+from multidrop.numerals import whole_number
 from multidrop.points import Role
 
 
@@ -78,7 +79,7 @@ def _broadcast(wire: Line, conversation: Conversation[Any, list[Received]]) -> l
 
 def _addresses(text: str) -> list[int]:
     try:
-        return [int(word) for word in text.split(",")]
+        return [whole_number(word) for word in text.split(",")]
     except ValueError:
         raise UsageError(f"--verify {text!r} is not a list of addresses, as in 0,1,2") from None
 

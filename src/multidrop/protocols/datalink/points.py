@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, replace
 
 from multidrop.errors import UsageError
+from multidrop.numerals import whole_number
 from multidrop.points import Point, Sample, Value
 from multidrop.profile import PointDescription, Profile
 from multidrop.protocols.datalink.memory import BITS_OF_A_BYTE, SIZES, MemoryMap, pieces
@@ -126,7 +127,7 @@ def canonical(text: str) -> str | None:
         return f"{found[1].upper()}{int(found[2])}"
     found = _MEMORY.fullmatch(text)
     if found is not None:
-        return f"mem/0x{_int(found[1]):04X}/{_int(found[2])}"
+        return f"mem/0x{whole_number(found[1]):04X}/{whole_number(found[2])}"
     return None
 
 
@@ -147,7 +148,3 @@ def _range(first_text: str, last_text: str, text: str) -> tuple[str, int, int]:
     if start > end:
         raise UsageError(f"{text!r} runs backwards")
     return first[0], start, end
-
-
-def _int(text: str) -> int:
-    return int(text, 16 if "x" in text.lower() else 10)

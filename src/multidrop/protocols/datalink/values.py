@@ -6,6 +6,7 @@ A value that does not fit is refused before anything is sent.
 from __future__ import annotations
 
 from multidrop.errors import UsageError
+from multidrop.numerals import whole_number
 from multidrop.points import Value
 from multidrop.protocols.datalink.memory import SIZES
 from multidrop.protocols.datalink.reals import decode_real, encode_real
@@ -96,9 +97,8 @@ def parse_value(letter: str, text: str) -> Value:
             raise UsageError(f"{text!r} is not a bit: 0 or 1, false or true, off or on")
         return _BOOLS[text.lower()]
     try:
-        if "0x" in text.lower():
-            return int(text, 16)
-        return int(text) if letter == "B" else float(text)
+        whole = letter == "B" or "0x" in text.lower()
+        return whole_number(text) if whole else float(text)
     except ValueError:
         kind = "whole number" if letter == "B" else "number"
         raise UsageError(f"{text!r} is not a {kind}") from None

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, replace
 
 from multidrop.errors import UsageError
+from multidrop.numerals import whole_number
 from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
@@ -62,12 +63,8 @@ def parse_point(text: str, profile: Profile, dialect: Dialect) -> ParameterPoint
 
 def _from_numbers(found: re.Match[str], text: str, dialect: Dialect) -> ParameterPoint:
     where, index_text, subindex_text, type_text = found.groups()
-    index = int(index_text, 0) if "x" in index_text.lower() else int(index_text)
-    subindex = (
-        None
-        if subindex_text is None
-        else int(subindex_text, 16 if "x" in subindex_text.lower() else 10)
-    )
+    index = whole_number(index_text)
+    subindex = None if subindex_text is None else whole_number(subindex_text)
     if index > 0xFFFF:
         raise UsageError(f"index {index} of {text!r} is out of range: 0..65535")
     if subindex is not None and subindex > 0xFF:
@@ -203,7 +200,7 @@ def _from_name(
     for prefix, offset in profile.inferred.items():
         number = name.removeprefix(prefix)
         if name.startswith(prefix) and number.isdecimal():
-            point = _from_numbers(_match(f"{int(number) + offset}"), name, dialect)
+            point = _from_numbers(_match(f"{whole_number(number) + offset}"), name, dialect)
             point = replace(point, type_code=_type(type_text, dialect, name), inferred=True)
             return _described(_typed(point), profile, dialect)
     raise UsageError(

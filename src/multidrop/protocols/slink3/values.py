@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
+from math import inf
 
 from multidrop.errors import ProtocolError, UsageError
+from multidrop.numerals import whole_number
 
 Value = bool | int | float | str | bytes
 
@@ -172,9 +174,11 @@ def parse_value(type_code: Format, text: str) -> Value:
             raise UsageError(f"{text!r} is not a bool: 0 or 1, false or true, off or on")
         return bool(known[text.lower()])
     try:
-        if "0x" in text.lower():
-            return int(text, 16)
-        return float(text) if type_code is Format.FLOAT else int(text)
+        decimal = type_code is Format.FLOAT and "0x" not in text.lower()
+        number = float(text) if decimal else whole_number(text)
     except ValueError:
         kind = "number" if type_code is Format.FLOAT else "whole number"
         raise UsageError(f"{text!r} is not a {kind}, decimal or 0x hex") from None
+    if number in (inf, -inf) and "inf" not in text.lower():
+        raise UsageError(f"{text[:20]} is too large")
+    return number

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from multidrop.errors import UsageError
+from multidrop.numerals import whole_number
 from multidrop.points import Point
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.ultra3000.messages import LAST_PARAMETER, Function
@@ -111,7 +112,7 @@ def parse_point(text: str, profile: Profile, *, whole: bool = False) -> Paramete
 
 
 def _from_number(found: re.Match[str], text: str) -> ParameterPoint:
-    parameter = int(found[1], 16)
+    parameter = whole_number(f"0x{found[1]}")
     if parameter > LAST_PARAMETER:
         raise UsageError(f"parameter 0x{parameter:X} of {text!r} is out of range: 0x000..0x7FF")
     element, view = _element(found[2], text), _view(found[3], text)
@@ -136,7 +137,7 @@ def _from_name(found: re.Match[str], text: str, profile: Profile) -> ParameterPo
 def _element(text: str | None, point: str) -> int | None:
     if text is None:
         return None
-    element = int(text, 16 if "x" in text.lower() else 10)
+    element = whole_number(text)
     if element > 0xFF:
         raise UsageError(f"element {element} of {point!r} is out of range: 0..255")
     return element
@@ -162,12 +163,12 @@ def _text(parameter: int, element: int | None, view: View) -> str:
 def _both_readings(number: str, text: str) -> str:
     """The manual counts parameters in hex, most people do not."""
     rest = text[len(number) :]
-    hexadecimal = f"0x{int(number, 16):03X}{rest} if {number} is hex, as in the manual"
+    hexadecimal = f"0x{whole_number('0x' + number):03X}{rest} if {number} is hex, as in the manual"
     if not number.isdecimal():
         return f"{text!r} is not a point: a parameter is written with 0x: {hexadecimal}"
     return (
         f"{text!r} is not a point: a parameter is written with 0x: {hexadecimal}, "
-        f"or 0x{int(number):03X}{rest} if it is decimal"
+        f"or 0x{whole_number(number):03X}{rest} if it is decimal"
     )
 
 

@@ -10,7 +10,9 @@ import re
 from dataclasses import dataclass
 
 from multidrop.errors import ProtocolError, UsageError
+from multidrop.numerals import whole_number
 from multidrop.points import Value
+from multidrop.protocols.ultra3000.frame import MOST_DATA
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +129,8 @@ def encode_hex(value: Value, digits: int | None) -> str:
         text = f"{value:X}"
     else:
         raise UsageError(f"{value!r} is no value here: 0x and as many digits as the parameter has")
+    if len(text) > MOST_DATA:
+        raise UsageError(f"{len(text)} digits are too many: a frame takes {MOST_DATA}")
     if digits is None:
         return text
     text = text.lstrip("0").rjust(digits, "0")
@@ -139,7 +143,7 @@ def _ambiguous(text: str) -> str:
     why = "nothing is known of this parameter, so its value is 0x hex"
     if not text.isdecimal():
         return f"{text!r}: {why}, such as 0x01"
-    return f"{text!r}: {why}: 0x{text}, or 0x{int(text):X} if it is decimal"
+    return f"{text!r}: {why}: 0x{text}, or 0x{whole_number(text):X} if it is decimal"
 
 
 def kind_of_answer(kinds: tuple[Kind, ...], data: str, indexed: int | None) -> tuple[Kind, str]:
@@ -168,9 +172,8 @@ def parse_value(kind: Kind, text: str, *, scaled: bool) -> Value:
         return text
     text = text.strip()
     try:
-        if "0x" in text.lower():
-            return int(text, 16)
-        return float(text) if scaled else int(text)
+        decimal = scaled and "0x" not in text.lower()
+        return float(text) if decimal else whole_number(text)
     except ValueError:
         what = "number" if scaled else "whole number"
         raise UsageError(f"{text!r} is not a {what}, decimal or 0x hex") from None

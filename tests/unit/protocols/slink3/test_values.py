@@ -159,6 +159,8 @@ def test_what_people_type(type_code: Format, text: str, value: Any) -> None:
         (Format.SHORT_INT, "1.5", "'1.5' is not a whole number"),
         (Format.SHORT_INT, "0xG", "'0xG' is not a whole number"),
         (Format.FLOAT, "1,5", "'1,5' is not a number, decimal or 0x hex"),
+        (Format.FLOAT, "1e400", "1e400 is too large"),
+        (Format.FLOAT, "-1e400", "-1e400 is too large"),
         (Format.BOOLEAN, "yes", "'yes' is not a bool"),
         (Format.OCTET_STRING, "C8 0", "'C8 0' is not hex bytes"),
     ],
