@@ -9,8 +9,8 @@ the line from its first to its last step.
 from __future__ import annotations
 
 from collections.abc import Generator, Hashable
-from dataclasses import dataclass
-from typing import ClassVar, Generic, Protocol, Self, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 
 class Frame(Protocol):
@@ -45,6 +45,7 @@ class Ask(Generic[FrameT]):
 
     frame: FrameT
     repeatable: bool = False  # reads say True; asking twice may act twice
+    attempts: int | None = None  # of what is repeatable, at most; None: as the line is set
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +79,24 @@ class TooLate(Exception):
 
 
 Conversation = Generator["Ask[FrameT] | Tell[FrameT] | Wait", FrameT, ResultT]
+
+
+def once(conversation: Conversation[FrameT, ResultT]) -> Conversation[FrameT, ResultT]:
+    """The same conversation with one attempt for each question: silence costs one time-out."""
+    answer: Any = None
+    error: Exception | None = None
+    try:
+        while True:
+            step = conversation.send(answer) if error is None else conversation.throw(error)
+            if isinstance(step, Ask):
+                step = replace(step, attempts=1)
+            answer, error = None, None
+            try:
+                answer = yield step
+            except Exception as raised:
+                error = raised
+    except StopIteration as stop:
+        result: ResultT = stop.value
+        return result
+    finally:
+        conversation.close()

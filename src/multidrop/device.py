@@ -43,6 +43,14 @@ class Write:
     force: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """Characters on the wire of a question and of its answer, as far as they are known before."""
+
+    question: int
+    answer: int
+
+
 class OneByOne(ABC):
     """For protocols whose every message reads one point: no ranges, groups of one."""
 
@@ -51,6 +59,10 @@ class OneByOne(ABC):
 
     @abstractmethod
     def read(self, point: Point) -> Conversation[Any, Sample]: ...
+
+    @abstractmethod
+    def size(self, point: Point) -> Sizes:
+        """Of the message that reads a point."""
 
     def points(self, text: str) -> Sequence[Point]:
         return [self.point(text)]
@@ -63,6 +75,9 @@ class OneByOne(ABC):
         for point in group:
             samples.append((yield from self.read(point)))
         return samples
+
+    def sizes(self, group: Sequence[Point]) -> Sequence[Sizes]:
+        return [self.size(point) for point in group]
 
 
 class Device(Protocol):
@@ -84,6 +99,9 @@ class Device(Protocol):
         ...
 
     def read_group(self, group: Sequence[Point]) -> Conversation[Any, list[Sample]]: ...
+    def sizes(self, group: Sequence[Point]) -> Sequence[Sizes]:
+        """Of each message that `read_group` sends, once it knows the device."""
+        ...
 
     def prepare_write(self, text: str, value: Value | str, *, force: bool = False) -> Write:
         """Check everything that can be checked before a byte is sent. Raises `UsageError`."""

@@ -373,7 +373,7 @@ class Exchange(Generic[FrameT, ResultT]):
         """Another attempt where one is left, else the end of the step."""
         timing = self._session.timing
         assert isinstance(self._step, Ask)
-        if self._step.repeatable and self._attempt < timing.attempts:
+        if self._step.repeatable and self._attempt < (self._step.attempts or timing.attempts):
             self._sent = None
             self._not_after = now + timing.answer
             return self._send_when_quiet(now)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from multidrop.conversation import Ask, Conversation
-from multidrop.device import Memory, OneByOne
+from multidrop.device import Memory, OneByOne, Sizes
 from multidrop.points import Point, Sample
 
 
@@ -21,11 +21,15 @@ class Letters(OneByOne):
         answer = yield Ask(point.text)
         return Sample(answer, "string", b"")
 
+    def size(self, point: Point) -> Sizes:
+        return Sizes(1, len(point.text))
+
 
 def test_points_are_read_one_by_one() -> None:
     device = Letters()
     a, b = [*device.points("a"), *device.points("b")]
     assert device.plan([a, b]) == [(a,), (b,)]
+    assert device.sizes([a, b]) == [Sizes(1, 1), Sizes(1, 1)]
     conversation = device.read_group([a, b])
     assert next(conversation) == Ask("a")
     assert conversation.send("A") == Ask("b")

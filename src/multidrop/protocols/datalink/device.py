@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from multidrop.conversation import Conversation
-from multidrop.device import Report, Write
+from multidrop.device import Report, Sizes, Write
 from multidrop.errors import NoReply, ProtocolError, UsageError
 from multidrop.points import Point, Sample, Value
 from multidrop.profile import Profile
@@ -14,6 +14,7 @@ from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
     MOST_DATA,
+    OVERHEAD,
     Command,
     Frame,
 )
@@ -22,6 +23,7 @@ from multidrop.protocols.datalink.memory import (
     MAP_IDENTIFIER_AT,
     MAPS,
     MemoryMap,
+    pieces,
     plan,
     span,
 )
@@ -77,6 +79,11 @@ class DatalinkDevice:
         start, count = span(points)
         memory = yield from self.master.interrogate(start, count)
         return [point.sample(memory[point.memory_address - start :]) for point in points]
+
+    def sizes(self, group: Sequence[Point]) -> list[Sizes]:
+        """Without the bytes that stuffing inserts: one in 256, and none in most answers."""
+        messages = pieces(*span(_data_point(point) for point in group))
+        return [Sizes(OVERHEAD, OVERHEAD + count) for _, count in messages]
 
     def _check_map(self, points: Iterable[DataPoint]) -> Conversation[Frame, None]:
         """Before the first use of the map: does the instrument have it?"""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from multidrop.conversation import Conversation, Wait
-from multidrop.device import OneByOne, Report, Write
+from multidrop.device import OneByOne, Report, Sizes, Write
 from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
 from multidrop.numerals import whole_number
 from multidrop.points import Point, Role, Sample, Value
@@ -22,7 +22,7 @@ from multidrop.protocols.slink3.messages import (
     command_name,
     response_meaning,
 )
-from multidrop.protocols.slink3.points import ParameterPoint, parse_point
+from multidrop.protocols.slink3.points import ParameterPoint, parse_point, size_of
 from multidrop.protocols.slink3.values import (
     FORMATS_BY_TYPE_NAME,
     Format,
@@ -59,6 +59,9 @@ class Slink3Device(OneByOne):
             assert type_code is not None
             return self._read_as(point, type_code)
         return self._read_naming(point) if self._names_types(point) else self._read_trying(point)
+
+    def size(self, point: Point) -> Sizes:
+        return size_of(point, self._types)
 
     def _type_of(self, point: ParameterPoint) -> Format | None:
         """The type that was given or that the profile has; else what a read has shown."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from multidrop.device import Sizes
 from multidrop.errors import UsageError
 from multidrop.numerals import whole_number
 from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
+from multidrop.protocols.slink3.frame import OVERHEAD
 from multidrop.protocols.slink3.messages import Command, StandardParameter, TypedParameter
 from multidrop.protocols.slink3.status import CONTROL_WORD
-from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format
+from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format, width
 
 GRAMMAR = (
     "[DEST/]INDEX[.SUBINDEX][:TYPE] as in 8236:int16 or dgfc/511, "
@@ -235,3 +238,19 @@ def _with_description(
 def _typed(point: ParameterPoint) -> ParameterPoint:
     name = point.type_code.type_name if point.type_code is not None else None
     return replace(point, type=name)
+
+
+ASSUMED_WIDTH = 4
+"""Bytes of a value whose type nobody has said yet, or whose length is free."""
+
+
+def size_of(point: Point, types: Mapping[str, Format]) -> Sizes:
+    """Characters that a read of a point takes; `types` are those that reads have shown."""
+    assert isinstance(point, ParameterPoint)
+    body = 3 if point.subindex is None else 4  # FORMAT or nothing, INDEX, SUBINDEX
+    if point.standard:
+        body = 3
+    type_code = types.get(point.text) if point.type_code is None else point.type_code
+    value = width(type_code) if type_code is not None else None
+    question = OVERHEAD + body
+    return Sizes(question, question + (ASSUMED_WIDTH if value is None else value))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from multidrop.conversation import Conversation
-from multidrop.device import Copy, Memory, OneByOne, Report, Write
+from multidrop.device import Copy, Memory, OneByOne, Report, Sizes, Write
 from multidrop.errors import (
     DeviceError,
     Error,
@@ -26,7 +26,7 @@ from multidrop.protocols.ultra3000.messages import (
     Function,
     Refusal,
 )
-from multidrop.protocols.ultra3000.points import ParameterPoint, View, parse_point
+from multidrop.protocols.ultra3000.points import ParameterPoint, View, parse_point, size_of
 from multidrop.protocols.ultra3000.values import (
     ACTION,
     HEX,
@@ -66,6 +66,9 @@ class Ultra3000Device(OneByOne):
         if not point.offers(point.view.read):
             raise UsageError(f"{point} can only be written")
         return self.sample(point)
+
+    def size(self, point: Point) -> Sizes:
+        return size_of(point)
 
     def sample(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """Read a point, also one that the profile calls write-only: the drive decides."""

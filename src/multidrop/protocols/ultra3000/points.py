@@ -6,10 +6,12 @@ import re
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from multidrop.device import Sizes
 from multidrop.errors import UsageError
 from multidrop.numerals import whole_number
 from multidrop.points import Point
 from multidrop.profile import PointDescription, Profile, nearest
+from multidrop.protocols.ultra3000.frame import OVERHEAD
 from multidrop.protocols.ultra3000.messages import LAST_PARAMETER, Function
 from multidrop.protocols.ultra3000.values import ACTION, HEX, Kind, kinds_of
 
@@ -228,3 +230,15 @@ def _checked(point: ParameterPoint, text: str, whole: bool) -> ParameterPoint:
     if not any(point.offers(function) for function in functions if function is not None):
         raise UsageError(f"{text!r}: {point.name} has no {point.view} value")
     return point
+
+
+ASSUMED_DIGITS = 4
+"""Digits of a value whose type nobody has said."""
+
+
+def size_of(point: Point) -> Sizes:
+    """Characters that a read of a point takes."""
+    assert isinstance(point, ParameterPoint)
+    index = 0 if point.element is None else 2
+    question = OVERHEAD + index
+    return Sizes(question, question + (point.kind.digits or ASSUMED_DIGITS))
