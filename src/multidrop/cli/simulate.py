@@ -12,6 +12,7 @@ import click
 from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.io.connection import line_settings
+from multidrop.io.listen import Listener
 from multidrop.naming import LineOptions, parse_simulated
 from multidrop.plantfile import load_plant
 from multidrop.profile import Profile
@@ -19,7 +20,7 @@ from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import LATE, RandomFaults, parse_fault
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
-from multidrop.sim.serve import Listener, serve
+from multidrop.sim.serve import serve
 
 
 @click.command(

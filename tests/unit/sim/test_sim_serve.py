@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from multidrop.errors import PortError, UsageError
+from multidrop.io.listen import Listener, PtyListener
 from multidrop.protocols.slink3 import Frame
 from multidrop.sim.line import Pace
-from multidrop.sim.serve import Listener, PtyListener, serve
+from multidrop.sim.serve import serve
 from unit.sim.wires import simulated
 
 READ = Frame(2, 0, 0, 0x26, b"\x03\xf1\x03").encode()
@@ -157,7 +158,7 @@ def test_nobody_reads_a_pseudo_terminal() -> None:
         listener = await serve(simulated(), "pty")
         assert isinstance(listener, PtyListener)
         for _ in range(2000):
-            listener._write(bytes(100))
+            listener.write(bytes(100))
         listener.close()
 
     asyncio.run(asyncio.wait_for(flood(), 5))
