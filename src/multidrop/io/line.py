@@ -15,6 +15,9 @@ from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
 
+MOST_DRAINED = 256
+"""Reads, of 4096 bytes at most: a line that never falls silent is found out by the exchange."""
+
 Tap = Callable[[bytes, bool, float, bool], None]
 """Called with every piece of bytes, whether this side sent it, its monotonic time, and whether
 the port marked it as damaged (parity, framing)."""
@@ -99,8 +102,10 @@ class Line:
 
     def _drain(self) -> None:
         """What came while nobody asked is counted and never believed."""
-        data = self.port.read(0.0)
-        if data:
+        for _ in range(MOST_DRAINED):
+            data = self.port.read(0.0)
+            if not data:
+                return
             now = self.port.now()
             for piece, damaged in self._pieces(data, now):
                 self._session.drain(piece, now, damaged=damaged)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from serialx import BaseSerial, ModemPins
 
 CONNECT_TIMEOUT = 5.0
+SELECTABLE = 1024
+"""select takes file descriptors below this one; a program with many lines has others too."""
 
 PSEUDO_TERMINALS = "/dev/pts/"
 RFC2217 = "rfc2217://"
@@ -166,12 +168,21 @@ class TcpPort:
             raise port_error(url, error) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
+        self._poll: select.poll | None = None
+        if self._socket.fileno() >= SELECTABLE and hasattr(select, "poll"):
+            self._poll = select.poll()
+            self._poll.register(self._socket, select.POLLIN)
+
+    def _ready(self, timeout: float) -> bool:
+        """Whether anything came within `timeout` s, at least 0."""
+        if self._poll is not None:
+            return bool(self._poll.poll(timeout * 1000))
+        # where it can be had: poll, and the socket's own timeout, are rounded up to a millisecond
+        return bool(select.select([self._socket], [], [], timeout)[0])
 
     def read(self, timeout: float) -> bytes:
-        # select, not the socket's own timeout: that is rounded up to a millisecond
         try:
-            ready, _, _ = select.select([self._socket], [], [], max(timeout, 0.0))
-            if not ready:
+            if not self._ready(max(timeout, 0.0)):
                 return b""
             data = self._socket.recv(4096)
         except (OSError, ValueError) as error:

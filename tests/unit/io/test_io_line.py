@@ -91,6 +91,40 @@ def test_strays_are_counted_and_not_believed() -> None:
     assert (line.counters.foreign, line.counters.answers) == (1, 1)
 
 
+class Flood(Peer):
+    """Has bytes waiting that no single read takes."""
+
+    def __init__(self, pieces: float) -> None:
+        super().__init__(ANSWER)
+        self.pieces = pieces
+
+    def send(self, now: float) -> bytes:
+        if self.pieces > 0:
+            self.pieces -= 1
+            return b"\xff" * 4096
+        return super().send(now)
+
+
+class Ticking(MemoryPort):
+    """Reading takes time, as it does everywhere."""
+
+    def read(self, timeout: float) -> bytes:
+        self._now += 0.001
+        return super().read(timeout)
+
+
+def test_all_that_waits_is_drained_before_the_request() -> None:
+    line = Line(MemoryPort(Flood(5)), slink3.LINE, LineOptions(echo="off"))
+    assert line.run(AX.read_typed(1009, INT)).value == 125
+    assert line.counters.foreign == 0
+
+
+def test_a_line_that_never_falls_silent_is_no_trap() -> None:
+    line = Line(Ticking(Flood(float("inf"))), slink3.LINE, LineOptions())
+    with pytest.raises(NoReply):
+        line.run(AX.read_typed(1009, INT))
+
+
 def test_a_conversation_keeps_the_line_from_its_first_to_its_last_step() -> None:
     def steps() -> Conversation[Frame, list[int]]:
         first = yield Ask(Frame(0, 0, 0, 0x23), True)

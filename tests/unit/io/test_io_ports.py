@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import resource
 import socket
 import struct
 import sys
@@ -14,8 +15,8 @@ import pytest
 import serialx
 
 from multidrop.errors import PortError, UsageError
-from multidrop.io import list_ports, rs485
-from multidrop.io.ports import PortSetup, port_error, tcp_address
+from multidrop.io import list_ports, ports, rs485
+from multidrop.io.ports import SELECTABLE, PortSetup, TcpPort, port_error, tcp_address
 from multidrop.naming import LineOptions
 from multidrop.protocols import slink3
 from multidrop.timing import Format
@@ -69,6 +70,43 @@ def test_addresses(url: str, address: tuple[str, int]) -> None:
 def test_what_is_no_address(url: str) -> None:
     with pytest.raises(UsageError, match="tcp://"):
         tcp_address(url)
+
+
+@pytest.mark.parametrize("selectable", [1024, 0], ids=["select", "poll"])
+def test_a_socket_is_waited_for(selectable: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ports, "SELECTABLE", selectable)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = TcpPort(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+        peer, _ = server.accept()
+        assert port.read(0.0) == b""
+        peer.sendall(b"x")
+        assert port.read(5.0) == b"x"
+        peer.close()
+        with pytest.raises(PortError, match="closed the connection"):
+            port.read(5.0)
+        port.close()
+
+
+def test_a_file_descriptor_that_select_cannot_take() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < 2048:
+        pytest.skip("this machine allows no so many files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2048), hard))
+    taken: list[int] = []
+    try:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            while not taken or taken[-1] < SELECTABLE:
+                taken.append(os.dup(0))
+            port = TcpPort(f"tcp://127.0.0.1:{server.getsockname()[1]}")
+            peer, _ = server.accept()
+            peer.sendall(b"x")
+            assert port.read(5.0) == b"x"
+            port.close()
+            peer.close()
+    finally:
+        for fd in taken:
+            os.close(fd)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def setup(**options: str) -> PortSetup:
