@@ -53,7 +53,11 @@ class Decoder(Generic[FrameT]):
 
     def receive_data(self, data: bytes) -> list[FrameReceived[FrameT] | Damaged]:
         """Take the next bytes of the stream; returns the events that they complete."""
-        return self._read(self._buffer + data if self._buffer else data, final=False)
+        if data and not self._buffer:
+            found = self._read_front(data, 0)
+            if type(found) is tuple and found[1] == len(data):  # one whole frame: most often so
+                return [_new(FrameReceived, (found[0], data))]
+        return self._read(self._buffer + data, final=False)
 
     def silence(self) -> list[FrameReceived[FrameT] | Damaged]:
         """The line fell silent: what is incomplete now stays incomplete. Empties the buffer."""

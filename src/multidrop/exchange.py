@@ -86,6 +86,7 @@ class Session(Generic[FrameT]):
         self.last_sent: FrameT | None = None
         self.sent_until = 0.0  # the calculated end of the last request on the wire
         self.unanswered: Unanswered[FrameT] = Unanswered()
+        self.longest_answer = timing.longest_frame * timing.character + 2 * timing.silence
         self._numbers: dict[int, _Numbers] = {}
 
     def hear(
@@ -128,30 +129,32 @@ class Session(Generic[FrameT]):
 class Exchange(Generic[FrameT, ResultT]):
     """Carries out one conversation on one line."""
 
+    # One is made for every read, so it begins with the values of its class.
+    done = False
+    acted = False  # something that is not a read went out
+    asked_at = 0.0  # when the last request started
+    received_at: float | None = None  # when the last answer was complete
+    deadline = 0.0
+    """When `advance` wants to be called even if nothing arrived."""
+
+    _step: Ask[FrameT] | Tell[FrameT] | Wait | None = None
+    _outcome: ResultT | None = None
+    _error: BaseException | None = None
+    _sent: FrameT | None = None  # the attempt that waits for its answer
+    _numbers: _Numbers | None = None
+    _echo_due = False
+    _clean = True  # nothing damaged was heard in this attempt
+    _answer_until = 0.0
+    _not_after = 0.0  # even a line that never falls silent ends an attempt
+    _attempt = 0
+    _damaged: tuple[bytes, ...] = ()
+    _heard: tuple[bytes, ...] = ()
+
     def __init__(
         self, conversation: Conversation[FrameT, ResultT], session: Session[FrameT]
     ) -> None:
         self._conversation = conversation
         self._session = session
-        self._step: Ask[FrameT] | Tell[FrameT] | Wait | None = None
-        self._outcome: ResultT | None = None
-        self._error: BaseException | None = None
-        self._sent: FrameT | None = None  # the attempt that waits for its answer
-        self._numbers: _Numbers | None = None
-        self._echo_due = False
-        self._mirrored = False  # the right answer may equal the request
-        self._clean = True  # nothing damaged was heard in this attempt
-        self._answer_until = 0.0
-        self._not_after = 0.0  # even a line that never falls silent ends an attempt
-        self._attempt = 0
-        self._damaged: list[bytes] = []
-        self._heard: list[bytes] = []
-        self.done = False
-        self.acted = False  # something that is not a read went out
-        self.asked_at = 0.0  # when the last request started
-        self.received_at: float | None = None  # when the last answer was complete
-        self.deadline = 0.0
-        """When `advance` wants to be called even if nothing arrived."""
 
     def start(self, now: float) -> bytes:
         """Begin; returns the bytes to send at once (none while the line must rest)."""
@@ -207,10 +210,7 @@ class Exchange(Generic[FrameT, ResultT]):
             self.deadline = max(now, self._session.sent_until) + step.seconds
             return b""
         self._attempt = 0
-        if self._damaged:
-            self._damaged = []
-        if self._heard:
-            self._heard = []
+        self._damaged = self._heard = ()
         self._not_after = now + self._session.timing.answer
         return self._send_when_quiet(now)
 
@@ -226,9 +226,9 @@ class Exchange(Generic[FrameT, ResultT]):
             ready = session.last_heard + session.timing.silence
         rested = ready
         if isinstance(step, Ask):
-            self._numbers = session.numbers(step.frame)
-            if self._numbers.resting:
-                ready = max(ready, self._numbers.free_at(now))
+            numbers = self._numbers = session.numbers(step.frame)
+            if numbers.resting:
+                ready = max(ready, numbers.free_at(now))
             if session.unanswered.known:
                 ready = max(ready, session.unanswered.clear_from(step.frame, now))
         if now < ready:
@@ -240,12 +240,10 @@ class Exchange(Generic[FrameT, ResultT]):
 
     def _ask(self, step: Ask[FrameT], now: float) -> bytes:
         session = self._session
-        timing = session.timing
         if session.decoder.pending:
             session.count_strays(session.decoder.silence())
         assert self._numbers is not None
-        self._mirrored = step.frame.answers(step.frame)
-        if self._mirrored and session.echo is None:
+        if session.echo is None and _mirrored(step.frame):
             return self._resume(None, _echo_unknown(), now)
         self._attempt += 1
         self._clean = True
@@ -255,17 +253,14 @@ class Exchange(Generic[FrameT, ResultT]):
         session.counters.requests += 1
         self.acted = self.acted or not step.repeatable
         self.asked_at = now
-        session.sent_until = now + len(raw) * timing.character
+        session.sent_until = now + len(raw) * session.timing.character
         self._limits_from(session.sent_until)
         return raw
 
     def _limits_from(self, end_of_request: float) -> None:
-        timing = self._session.timing
-        self._answer_until = end_of_request + timing.answer
-        self._not_after = (
-            self._answer_until + timing.longest_frame * timing.character + 2 * timing.silence
-        )
-        self._set_deadline()
+        session = self._session
+        self.deadline = self._answer_until = end_of_request + session.timing.answer
+        self._not_after = self._answer_until + session.longest_answer
 
     def _tell(self, step: Tell[FrameT], now: float) -> bytes:
         session = self._session
@@ -289,13 +284,9 @@ class Exchange(Generic[FrameT, ResultT]):
                 session.count_strays([event])
             elif isinstance(event, Damaged):
                 session.counters.damaged += 1
-                self._damaged.append(event.raw)
+                self._damaged += (event.raw,)
                 self._clean = False
-            elif (
-                (self._echo_due or self._mirrored)
-                and event.frame == self._sent
-                and self._is_echo(now)
-            ):
+            elif event.frame == self._sent and self._is_echo(event.frame, now):
                 session.counters.echoes += 1
             elif event.frame.answers(self._sent):
                 # what came behind it came before the next request: it cannot answer that
@@ -303,14 +294,15 @@ class Exchange(Generic[FrameT, ResultT]):
                 return self._answered(event.frame, now)
             else:
                 session.counters.foreign += 1
-                self._heard.append(event.raw)
+                self._heard += (event.raw,)
         return b""
 
-    def _is_echo(self, now: float) -> bool:
+    def _is_echo(self, copy: FrameT, now: float) -> bool:
         """Whether a copy of the request is its echo: the first one, or one that came before it left."""
         session = self._session
         if not self._echo_due:
-            return now < session.sent_until and session.keeps_time is not False
+            early = now < session.sent_until and session.keeps_time is not False
+            return early and _mirrored(copy)
         self._echo_due = False
         session.echo = True
         self._notice_time(now)
@@ -320,8 +312,10 @@ class Exchange(Generic[FrameT, ResultT]):
     def _answered(self, answer: FrameT, now: float) -> bytes:
         session = self._session
         session.counters.answers += 1
-        if self._attempt == 1 and not self._mirrored:  # later ones may get a late answer
-            self._notice_time(now)
+        if session.keeps_time is not False and self._attempt == 1:  # later ones may get a late answer
+            assert self._sent is not None
+            if not _mirrored(self._sent):
+                self._notice_time(now)
         if type(self._step) is Learn and session.echo is None:
             if not self._clean:
                 return self._again("damage hides whether the line has local echo", now)
@@ -388,8 +382,13 @@ class Exchange(Generic[FrameT, ResultT]):
             self._session.unanswered.give_up(self._sent, now)
 
     def _fail(self, because: str, now: float) -> bytes:
-        failure = NoReply(self._attempt, tuple(self._damaged), tuple(self._heard), because=because)
+        failure = NoReply(self._attempt, self._damaged, self._heard, because=because)
         return self._resume(None, failure, now)
+
+
+def _mirrored(question: steps.Frame) -> bool:
+    """Whether the right answer to it may equal it."""
+    return question.answers(question)
 
 
 def _echo_unknown() -> UsageError:

@@ -23,7 +23,7 @@ class Dialect:
     """0097 says only that the slave did not take the frame, so a read may be asked again."""
     behind: str | None = None
     """The dialect that destination ID 2 leads to."""
-    refusals: dict[Response, Response] = field(default_factory=dict)
+    refusals: dict[int, Response] = field(default_factory=dict)
     """What the slave answers instead, where it knows fewer codes."""
 
     @property
@@ -31,7 +31,8 @@ class Dialect:
         """Whether a read of type void is answered with the parameter's own type."""
         return Format.VOID in self.formats
 
-    def refusal(self, response: Response) -> Response:
+    def refusal(self, response: int) -> int:
+        """What the slave answers for a RESPONSE, known or not."""
         return self.refusals.get(response, response)
 
 

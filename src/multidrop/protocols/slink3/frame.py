@@ -55,16 +55,8 @@ class Frame(_Fields):
     def __new__(
         cls, address: int, control: int = 0, order: int = 0, code: int = 0, data: bytes = b""
     ) -> Frame:
-        if not 0 <= address <= 0xFF:
-            raise UsageError(f"address {address} is out of range: 0..255")
-        if not 0 <= control <= 0xFF:
-            raise UsageError(f"control {control} is out of range: 0..255")
-        if not 0 <= order <= 0xFF:
-            raise UsageError(f"order {order} is out of range: 0..255")
-        if not 0 <= code <= 0xFFFF:
-            raise UsageError(f"command or response {code} is out of range: 0..FFFFh")
-        if len(data) > MOST_DATA:
-            raise UsageError(f"{len(data)} bytes of data are too many: at most {MOST_DATA}")
+        if (address | control | order) & ~0xFF or code & ~0xFFFF or len(data) > MOST_DATA:
+            raise _out_of_range(address, control, order, code, data)
         return tuple.__new__(cls, (address, control, order, code, bytes(data)))
 
     @property
@@ -119,13 +111,11 @@ class Frame(_Fields):
         ADDRESS, CONTROL, ORDER bit 0 and destination ID must match, and an OK
         answer to a read must carry the INDEX (and SUBINDEX) that was asked for.
         """
-        address, control, order, code, data = self
-        _, _, asked_order, command, asked = question
-        if (
-            address != question[0]
-            or control != question[1]
-            or order & 0x0F != asked_order & 0x0E | ANSWER
-        ):
+        if self[2] & 0x0F != question[2] & 0x0E | ANSWER:  # so never a question of its own
+            return False
+        address, control, _, code, data = self
+        asked_address, asked_control, _, command, asked = question
+        if address != asked_address or control != asked_control:
             return False
         if code or command not in READ_COMMANDS or len(asked) < 3:
             return True
@@ -135,6 +125,15 @@ class Frame(_Fields):
             return False
         both_have_subindex = data[0] & asked[0] & 0x80
         return not both_have_subindex or data[3:4] == asked[3:4]
+
+
+def _out_of_range(address: int, control: int, order: int, code: int, data: bytes) -> UsageError:
+    for name, value in (("address", address), ("control", control), ("order", order)):
+        if not 0 <= value <= 0xFF:
+            return UsageError(f"{name} {value} is out of range: 0..255")
+    if not 0 <= code <= 0xFFFF:
+        return UsageError(f"command or response {code} is out of range: 0..FFFFh")
+    return UsageError(f"{len(data)} bytes of data are too many: at most {MOST_DATA}")
 
 
 def read_front(buffer: bytes, at: int) -> tuple[Frame, int] | str | None:

@@ -7,6 +7,7 @@ A refusal is raised as `DeviceError` where a value was asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from multidrop.conversation import Ask, Conversation, Tell
 from multidrop.errors import DeviceError, ProtocolError, UsageError
@@ -32,8 +33,7 @@ NO_REFUSALS = (Response.OK, Response.COMMAND_SUBMITTED, Response.OK_BROADCAST)
 """What answers some commands well, and to the others says nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterValue:
+class ParameterValue(NamedTuple):
     """A parameter as a slave gave it: `raw` is VALUE's bytes, `fault` the answer's fault bit."""
 
     type_code: int
@@ -262,14 +262,14 @@ class Master:
         expected = (
             Response.OK_BROADCAST if command == Command.BROADCAST_COMMAND_VERIFY else Response.OK
         )
-        may_repeat = self.dialect.frame_error_means_unread and (
-            repeatable or again_after_frame_error
-        )
         reply = yield question
-        for _ in range(FRAME_ERROR_ATTEMPTS - 1 if may_repeat else 0):
-            if reply.code != Response.FRAME_ERROR:
-                break
-            reply = yield question
+        if reply.code == expected:
+            return reply
+        if self.dialect.frame_error_means_unread and (repeatable or again_after_frame_error):
+            attempts = 1
+            while reply.code == Response.FRAME_ERROR and attempts < FRAME_ERROR_ATTEMPTS:
+                reply = yield question
+                attempts += 1
         if reply.code == expected or (
             reply.code == Response.COMMAND_SUBMITTED and command in WRITES
         ):

@@ -6,8 +6,8 @@ and `decode`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from multidrop.errors import UsageError
 from multidrop.protocols.slink3.values import HAS_SUBINDEX, TYPE_BITS, Format
@@ -123,48 +123,58 @@ def response_meaning(code: int) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class TypedParameter:
+class _Typed(NamedTuple):
+    type_code: int
+    index: int  # type: ignore[assignment]  # nobody looks for a value in this tuple
+    subindex: int | None = None
+
+
+class TypedParameter(_Typed):
     """FORMAT, INDEX and SUBINDEX in front of a value: commands 0026 and 0027 (A 5.1 to 5.4).
 
     `index` 0..FFFFh, `subindex` 0..255 or None for a frame without one.
     """
 
-    type_code: int
-    index: int
-    subindex: int | None = None
+    __slots__ = ()  # a tuple, as a frame is: half the time of a dataclass
 
-    def __post_init__(self) -> None:
-        _check_index(self.index, self.subindex)
-        if not 0 <= self.type_code <= TYPE_BITS:
-            raise UsageError(f"type code {self.type_code} is out of range: 0..1Fh")
+    def __new__(cls, type_code: int, index: int, subindex: int | None = None) -> TypedParameter:
+        _check_index(index, subindex)
+        if not 0 <= type_code <= TYPE_BITS:
+            raise UsageError(f"type code {type_code} is out of range: 0..1Fh")
+        return tuple.__new__(cls, (type_code, index, subindex))
 
     def encode(self) -> bytes:
-        index = self.index
-        if self.subindex is None:
-            return bytes((self.type_code, index & 0xFF, index >> 8))
-        return bytes((self.type_code | HAS_SUBINDEX, index & 0xFF, index >> 8, self.subindex))
+        type_code, index, subindex = self
+        if subindex is None:
+            return bytes((type_code, index & 0xFF, index >> 8))
+        return bytes((type_code | HAS_SUBINDEX, index & 0xFF, index >> 8, subindex))
 
     @classmethod
     def decode(cls, data: bytes) -> tuple[TypedParameter, bytes] | None:
         """The parameter at the front of DATA and what is left (VALUE); None if DATA is too short."""
         if len(data) < 3:
             return None
-        type_code, index = data[0] & TYPE_BITS, data[1] | data[2] << 8
+        type_code, index = data[0] & TYPE_BITS, data[1] | data[2] << 8  # in range, so unchecked
         if not data[0] & HAS_SUBINDEX:
-            return cls(type_code, index), data[3:]
-        return (cls(type_code, index, data[3]), data[4:]) if len(data) > 3 else None
+            return tuple.__new__(cls, (type_code, index, None)), data[3:]
+        if len(data) < 4:
+            return None
+        return tuple.__new__(cls, (type_code, index, data[3])), data[4:]
 
 
-@dataclass(frozen=True, slots=True)
-class StandardParameter:
-    """INDEX and SUBINDEX of a Drivecom parameter: commands 0024 and 0025 (A 5.5 to 5.8)."""
-
-    index: int
+class _Standard(NamedTuple):
+    index: int  # type: ignore[assignment]
     subindex: int = 0
 
-    def __post_init__(self) -> None:
-        _check_index(self.index, self.subindex)
+
+class StandardParameter(_Standard):
+    """INDEX and SUBINDEX of a Drivecom parameter: commands 0024 and 0025 (A 5.5 to 5.8)."""
+
+    __slots__ = ()
+
+    def __new__(cls, index: int, subindex: int = 0) -> StandardParameter:
+        _check_index(index, subindex)
+        return tuple.__new__(cls, (index, subindex))
 
     def encode(self) -> bytes:
         return bytes((self.index & 0xFF, self.index >> 8, self.subindex))

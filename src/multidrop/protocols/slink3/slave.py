@@ -13,7 +13,7 @@ frame that gets silence does not arrive at all.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
@@ -30,16 +30,14 @@ from multidrop.protocols.slink3.messages import (
 from multidrop.protocols.slink3.values import Format, width
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(NamedTuple):
     """What a device says: a RESPONSE and the DATA behind it (only with OK, or ABCD)."""
 
     response: int = Response.OK
     data: bytes = b""
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """One request to this slave. `parameter` and `value` (VALUE's bytes) are of reads and writes."""
 
     frame: Frame
@@ -103,10 +101,10 @@ class Slave:
         """The same for bytes that one decoder has decoded for all slaves of a line."""
         requests = []
         for event in events:
-            if isinstance(event, FrameReceived):
-                request = self._receive(event.frame)
-            else:
+            if isinstance(event, Damaged):
                 request = self._damage(event)
+            else:
+                request = self._receive(event.frame)
             if request is not None:
                 requests.append(request)
         return requests
@@ -114,30 +112,32 @@ class Slave:
     def answer(self, request: Request, reply: Reply) -> bytes:
         """The bytes to send for a request: none for a broadcast."""
         frame = request.frame
-        if frame.address != self.address:
+        address, control, asked_order, command, _ = frame
+        response, data = reply
+        if address != self.address:
             return b""
-        if frame.code == Command.RESET_SLAVE and reply.response == Response.OK:
+        if command == Command.RESET_SLAVE and response == Response.OK:
             self._broadcast_received = False
             self._decoder = decoder()
         dialect = self._dialect_of(frame) or self.dialect
         fault = self.fault_behind if frame.destination else self.fault
-        order = frame.order & 0x0E | ANSWER | (FAULT if fault and dialect.fault_bit else 0)
-        code = (
-            dialect.refusal(Response(reply.response)) if _known(reply.response) else reply.response
-        )
-        data = reply.data if code == Response.OK or frame.code == Command.SPECIAL_ACCESS else b""
-        return Frame(self.address, frame.control, order, code, data).encode()
+        order = asked_order & 0x0E | ANSWER | (FAULT if fault and dialect.fault_bit else 0)
+        code = dialect.refusal(response)
+        if code != Response.OK and command != Command.SPECIAL_ACCESS:
+            data = b""
+        return Frame(address, control, order, code, data).encode()
 
     # -- what the protocol decides ---------------------------------------------------------
 
     def _receive(self, frame: Frame) -> Request | None:
-        if frame.is_answer:
+        address, _, order, code, _ = frame
+        if order & ANSWER:
             return None
-        if frame.address == self.dialect.broadcast:
+        if address == self.dialect.broadcast:
             return self._receive_broadcast(frame)
-        if frame.address != self.address:
+        if address != self.address:
             return None
-        if frame.code == Command.BROADCAST_COMMAND_VERIFY and not frame.destination:
+        if code == Command.BROADCAST_COMMAND_VERIFY and not frame.destination:
             return self._verify(frame)
         self._broadcast_received = False
         dialect = self._dialect_of(frame)
@@ -170,13 +170,10 @@ class Slave:
         return _refused(Frame(self.address, raw[2], raw[4] & 0x0E), Response.FRAME_ERROR)
 
     def _dialect_of(self, frame: Frame) -> Dialect | None:
-        if frame.destination == 0:
+        destination = frame.destination
+        if destination == 0:
             return self.dialect
-        return self.behind if frame.destination == BEHIND else None
-
-
-def _known(code: int) -> bool:
-    return code in Response._value2member_map_
+        return self.behind if destination == BEHIND else None
 
 
 def _refused(frame: Frame, response: Response) -> Request:
@@ -185,17 +182,18 @@ def _refused(frame: Frame, response: Response) -> Request:
 
 def _understood(frame: Frame, dialect: Dialect) -> Request:
     """The request that a frame makes of a slave of this dialect, or its settled refusal."""
-    if frame.code not in dialect.commands:
+    _, _, _, code, data = frame
+    if code not in dialect.commands:
         return _refused(frame, Response.UNKNOWN_COMMAND)
-    if frame.code == Command.SPECIAL_ACCESS:
-        return Request(frame, value=frame.data)
-    if frame.code not in READS and frame.code not in WRITES:
-        return _refused(frame, Response.LENGTH_ERROR) if frame.data else Request(frame)
+    if code == Command.SPECIAL_ACCESS:
+        return Request(frame, value=data)
+    if code not in READS and code not in WRITES:
+        return _refused(frame, Response.LENGTH_ERROR) if data else Request(frame)
     found: tuple[TypedParameter | StandardParameter, bytes] | None
-    if frame.code in (Command.READ_TYPED_PARAMETER, Command.WRITE_TYPED_PARAMETER):
-        found = TypedParameter.decode(frame.data)
+    if code in (Command.READ_TYPED_PARAMETER, Command.WRITE_TYPED_PARAMETER):
+        found = TypedParameter.decode(data)
     else:
-        found = StandardParameter.decode(frame.data)
+        found = StandardParameter.decode(data)
     if found is None:
         return _refused(frame, Response.LENGTH_ERROR)
     parameter, value = found
