@@ -312,7 +312,8 @@ class Exchange(Generic[FrameT, ResultT]):
     def _answered(self, answer: FrameT, now: float) -> bytes:
         session = self._session
         session.counters.answers += 1
-        if session.keeps_time is not False and self._attempt == 1:  # later ones may get a late answer
+        # later attempts may get a late answer
+        if session.keeps_time is not False and self._attempt == 1:
             assert self._sent is not None
             if not _mirrored(self._sent):
                 self._notice_time(now)
