@@ -1,4 +1,5 @@
-"""Writes the pages that follow from the program itself: profiles, and the options of the commands.
+"""Writes what follows from the program itself: the pages of the profiles, the options of the commands,
+and the tables of the Wireshark dissector.
 
 python docs/generate.py            write them
 python docs/generate.py --check    exit 1 where one is stale
@@ -12,6 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
+import wireshark_tables
 
 from multidrop.catalog import load_profile, profile_names
 from multidrop.cli.main import COMMANDS, cli
@@ -43,6 +45,8 @@ def pages() -> dict[Path, str]:
     written[COMMAND_LINE] = re.sub(
         r"(<!-- options: ([\w-]+) -->\n).*?(<!-- end -->)", _options, text, flags=re.DOTALL
     )
+    lua = (DOCS / wireshark_tables.LUA).read_text(encoding="utf-8")
+    written[wireshark_tables.LUA] = wireshark_tables.with_tables(lua)
     return written
 
 
