@@ -9,7 +9,7 @@ PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --co
 PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wildcard tests/unit/test_*.py)
 WORLD := tests/integration tests/soak tests/unit/io tests/unit/sim tests/unit/cli tests/test_architecture.py
 
-.PHONY: demo test check soak bench fuzz docs clean
+.PHONY: demo test check tshark soak bench fuzz docs clean
 
 demo: .venv/base
 	@$(BIN)/multidrop demo
@@ -27,6 +27,13 @@ check: .venv/dev
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/python docs/generate.py --check
+
+# What the tests of the Wireshark dissector need; without it they are skipped and say so.
+tshark:
+	@command -v tshark >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null; } || \
+	    { echo "tshark is missing; on Debian and Ubuntu: sudo make tshark" >&2; exit 1; }
+	@command -v tshark >/dev/null || { apt-get -qq update && \
+	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends tshark; }
 
 # Properties with 100,000 generated cases each, and 10,000 transactions on every kind of faulty wire: hours.
 soak: .venv/dev

@@ -235,6 +235,8 @@ end
 
 -- What the capture says of a packet -------------------------------------------------------------------
 
+-- Where nobody wants a packet's fields, Wireshark leaves these away on its first pass (tshark -2 without a
+-- filter). Then lines of the same protocol in one capture are taken for one, with the usual baud rate.
 local packet = {
    comment = Field.new("frame.comment"),
    flags = Field.new("frame.packet_flags"),
@@ -248,10 +250,6 @@ local function said(name)
 end
 
 local function marked_damage() return (tonumber(tostring(said("flags") or 0)) or 0) >= 0x10000 end
-
-local function direction() -- 1 heard, 2 sent by whoever captured, 0 unknown
-   return (tonumber(tostring(said("flags") or 0)) or 0) % 4
-end
 
 -- Time of one character on the wire, s: the capture's interface says "PROTOCOL BAUD 8E1".
 local function character_time(default)
@@ -287,6 +285,7 @@ local function common_experts(name)
    }
 end
 
+local SENT, HEARD, UNKNOWN = 0, 1, -1 -- pinfo.p2p_dir; sent by whoever made the capture
 local LATE = 1.5 -- s; an answer that comes later answers nobody
 
 -- Who asked, who answered. Filled in on the first pass, in the order of the packets.
@@ -301,10 +300,10 @@ end
 -- Whether this is the copy of the question that a line which hears itself delivers: multidrop's own rule.
 local function echoes(protocol, frame, questions)
    local question = questions.last
-   if not question or questions.followed or question.raw ~= frame.raw or frame.direction == 2 then return false end
-   if frame.direction == 1 and question.direction ~= 2 then return false end
+   if not question or questions.followed or question.raw ~= frame.raw or frame.direction == SENT then return false end
+   if frame.direction == HEARD and question.direction ~= SENT then return false end
    local overlaps = frame.start < question.time - frame.character / 2
-   if question.direction ~= 2 then return overlaps and not answers(protocol, frame, question) end
+   if question.direction ~= SENT then return overlaps and not answers(protocol, frame, question) end
    if answers(protocol, frame, question) then return overlaps or questions.echoes == true end
    questions.echoes = true
    return true
@@ -314,7 +313,7 @@ local function answered(protocol, frame, questions)
    local key, question = protocol.question(frame, questions)
    if not question or not answers(protocol, frame, question) then return end
    if frame.start >= question.time + LATE then return end
-   if frame.direction ~= 0 and frame.direction == question.direction then return end
+   if frame.direction ~= UNKNOWN and frame.direction == question.direction then return end
    questions[key] = nil
    question.entry.response = frame.packet
    local entry = { role = "response", question = question, time = frame.time - question.time }
@@ -326,7 +325,7 @@ local function remember(protocol, frame, pinfo)
    local interface = tostring(said("interface") or 0)
    local questions = open[interface] or {}
    open[interface] = questions
-   frame.packet, frame.time, frame.direction = pinfo.number, pinfo.rel_ts, direction()
+   frame.packet, frame.time, frame.direction = pinfo.number, pinfo.rel_ts, pinfo.p2p_dir
    frame.character = character_time(protocol.character)
    frame.start = frame.time - #frame.raw * frame.character
    if echoes(protocol, frame, questions) then
@@ -338,8 +337,8 @@ local function remember(protocol, frame, pinfo)
       questions.followed = true
       return entry
    end
-   if frame.direction ~= 2 and not protocol.may_ask(frame) then return { role = "stray" } end
-   local sure = frame.direction == 2 or protocol.from_master(frame)
+   if frame.direction ~= SENT and not protocol.may_ask(frame) then return { role = "stray" } end
+   local sure = frame.direction == SENT or protocol.from_master(frame)
    entry = { role = "request", expects = protocol.expects(frame), sure = sure }
    frame.entry, questions.last, questions.followed = entry, frame, false
    protocol.asked(frame, questions, entry)
