@@ -95,15 +95,14 @@ class Damage(NamedTuple):
 def shown(point: Point, sample: Sample) -> str:
     """A sample's physical value with its unit, and its name where the profile has one."""
     description = point.description
-    if description is None:
+    if description is None or isinstance(sample.value, str | bytes):
         return shown_value(sample.value)
     text = shown_value(description.physical(sample.value))
     if description.unit:
         text += f" {description.unit}"
     if description.names or description.bits:
         meaning = description.meaning_of(sample.value)
-        if meaning is not None:
-            text += f" ({meaning})"
+        text += f" ({meaning})" if meaning else ""
     return text
 
 

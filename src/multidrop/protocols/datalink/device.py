@@ -248,16 +248,21 @@ def _raw_message(text: str, address: int) -> Frame:
 
 def device(address: int, profile: Profile, options: Mapping[str, str]) -> DatalinkDevice:
     """The instrument with its profile's map. Raises `UsageError` for a dialect or option unknown."""
-    name = profile.dialect or "map-a"
-    if name not in MAPS:
-        raise UsageError(f"profile {profile.name}: dialect {name!r} is none of {', '.join(MAPS)}")
     return DatalinkDevice(
         address,
         profile,
-        MAPS[name].with_bases(profile.bases),
+        memory_map_of(profile),
         stuffing=stuffing_of(options),
         settle=_settle_of(options),
     )
+
+
+def memory_map_of(profile: Profile) -> MemoryMap:
+    """The map of a profile's dialect. Raises `UsageError`."""
+    name = profile.dialect or "map-a"
+    if name not in MAPS:
+        raise UsageError(f"profile {profile.name}: dialect {name!r} is none of {', '.join(MAPS)}")
+    return MAPS[name].with_bases(profile.bases)
 
 
 def stuffing_of(options: Mapping[str, str]) -> bool:

@@ -12,6 +12,7 @@ from multidrop.profile import Profile
 from multidrop.protocols import datalink
 from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.device import device, stuffing_of
+from multidrop.protocols.datalink.explain import continues, explain
 from multidrop.protocols.datalink.frame import Command, Frame, decoder
 from multidrop.protocols.datalink.probe import DatalinkProber
 from multidrop.protocols.datalink.relay import DatalinkRelay
@@ -31,6 +32,8 @@ class Datalink:
     decoder = staticmethod(decoder)
     device = staticmethod(device)
     describe = staticmethod(describe)
+    continues = staticmethod(continues)
+    explain = staticmethod(explain)
 
     @staticmethod
     def line_for(options: Mapping[str, str]) -> LineSettings:

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from multidrop.protocols.ultra3000.frame import READS, REFUSED, Frame
-from multidrop.protocols.ultra3000.messages import WRITES, function_name, refusal_meaning
+from multidrop.protocols.ultra3000.messages import (
+    LAST_ADDRESS,
+    WRITES,
+    function_name,
+    refusal_meaning,
+)
 
 
 def describe(frame: Frame) -> str:
@@ -25,9 +30,12 @@ def from_master(frame: Frame) -> bool:
     """Whether a master sent it, as far as a frame shows: many an answer equals its request.
 
     Two digits in a read are taken for a value, though an array's index looks the same.
+    No drive has a broadcast address, so no drive sends it.
     """
     if frame.is_refusal:
         return False
+    if frame.address > LAST_ADDRESS:
+        return True
     if frame.function in READS:
         return not frame.data
     return bool(frame.data) or frame.function not in WRITES

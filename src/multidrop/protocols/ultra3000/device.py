@@ -31,10 +31,8 @@ from multidrop.protocols.ultra3000.values import (
     ACTION,
     HEX,
     INTEGERS,
-    decode_value,
     encode_hex,
     encode_value,
-    kind_of_answer,
     parse_value,
 )
 from multidrop.writing import Outcome, Written, write_once
@@ -73,7 +71,7 @@ class Ultra3000Device(OneByOne):
     def sample(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """Read a point, also one that the profile calls write-only: the drive decides."""
         data = yield from self.master.read(point.parameter, point.element, point.view.read)
-        return _sample(point, data)
+        return point.sample(data)
 
     # -- writing ---------------------------------------------------------------------------
 
@@ -203,7 +201,7 @@ class Ultra3000Device(OneByOne):
             data = yield from self.master.read(point.parameter, None, function)
             return str(int(data, 16))
         data = yield from self.master.read(point.parameter, point.element, function)
-        return shown_value(point.physical(_sample(point, data).value))
+        return shown_value(point.physical(point.sample(data).value))
 
     # -- services --------------------------------------------------------------------------
 
@@ -269,11 +267,6 @@ class Ultra3000Device(OneByOne):
     def compare(self, point: Point) -> Conversation[Frame, Memory]:
         assert isinstance(point, ParameterPoint)
         return memory.compare(self, point)
-
-
-def _sample(point: ParameterPoint, data: str) -> Sample:
-    kind, digits = kind_of_answer(point.kinds, data, point.element)
-    return Sample(decode_value(kind, digits), kind.name, digits.encode())
 
 
 def _physical(point: ParameterPoint, value: Value | str) -> Value:

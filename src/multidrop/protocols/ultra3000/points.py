@@ -9,11 +9,18 @@ from enum import StrEnum
 from multidrop.device import Sizes
 from multidrop.errors import UsageError
 from multidrop.numerals import whole_number
-from multidrop.points import Point
+from multidrop.points import Point, Sample
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.ultra3000.frame import OVERHEAD
 from multidrop.protocols.ultra3000.messages import LAST_PARAMETER, Function
-from multidrop.protocols.ultra3000.values import ACTION, HEX, Kind, kinds_of
+from multidrop.protocols.ultra3000.values import (
+    ACTION,
+    HEX,
+    Kind,
+    decode_value,
+    kind_of_answer,
+    kinds_of,
+)
 
 GRAMMAR = (
     "0xPARAMETER[.ELEMENT][@VIEW] as in 0x06D, 0x05B.7 or 0x011@nv, VIEW one of working, nv, "
@@ -83,6 +90,11 @@ class ParameterPoint(Point):
         listed = self.description.functions if self.description else ""
         return not listed or f"{function:X}" in listed
 
+    def sample(self, data: str) -> Sample:
+        """The value in an answer's digits. Raises `ProtocolError` where their number is wrong."""
+        kind, digits = kind_of_answer(self.kinds, data, self.element)
+        return Sample(decode_value(kind, digits), kind.name, digits.encode())
+
     def raw_text(self, raw: bytes) -> str:
         """A sample's raw bytes as people know them: digits."""
         return raw.decode()
@@ -111,6 +123,26 @@ def parse_point(text: str, profile: Profile, *, whole: bool = False) -> Paramete
     if named is None:
         raise UsageError(f"{text!r} is not a point: {GRAMMAR}")
     return _checked(_from_name(named, text, profile), text, whole)
+
+
+def point_of(
+    parameter: int, data: str, view: View, profile: Profile, *, reads: bool
+) -> tuple[ParameterPoint, str]:
+    """The point that a question means, and its data without an array's index.
+
+    What a user may not name is a point here too. Of a parameter that nobody
+    describes, the two digits of a read are the index, and no write has one.
+    """
+    whole = _described(
+        ParameterPoint(text=_text(parameter, None, view), parameter=parameter, view=view), profile
+    )
+    indexed = whole.elements is not None or (whole.kinds == (HEX,) and reads and len(data) == 2)
+    if not indexed or len(data) < 2:
+        return whole, data
+    element = int(data[:2], 16)
+    text = _text(parameter, element, view)
+    point = ParameterPoint(text=text, parameter=parameter, element=element, view=view)
+    return _described(point, profile), data[2:]
 
 
 def _from_number(found: re.Match[str], text: str) -> ParameterPoint:

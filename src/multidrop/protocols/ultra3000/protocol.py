@@ -8,6 +8,7 @@ from multidrop.protocols import ultra3000
 from multidrop.protocols.ultra3000.broadcast import prepare_broadcast
 from multidrop.protocols.ultra3000.describe import describe, from_master
 from multidrop.protocols.ultra3000.device import broadcast_of, device
+from multidrop.protocols.ultra3000.explain import continues, explain
 from multidrop.protocols.ultra3000.frame import decoder
 from multidrop.protocols.ultra3000.probe import Ultra3000Prober
 from multidrop.protocols.ultra3000.relay import Ultra3000Relay
@@ -24,6 +25,8 @@ class Ultra3000:
     decoder = staticmethod(decoder)
     device = staticmethod(device)
     describe = staticmethod(describe)
+    continues = staticmethod(continues)
+    explain = staticmethod(explain)
     from_master = staticmethod(from_master)
     prepare_broadcast = staticmethod(prepare_broadcast)
 
