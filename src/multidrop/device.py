@@ -232,6 +232,10 @@ class ProtocolModule(Protocol):
         """A decoded frame in one line, for traces."""
         ...
 
+    def shown(self, raw: bytes) -> str:
+        """Bytes of its lines for a person, whole frames or damage: hex, unless they are text."""
+        ...
+
     def from_master(self, frame: Any) -> bool:
         """Whether a master sent it, as far as a frame shows by itself."""
         ...

@@ -54,7 +54,7 @@ def a_line(*drives: SimulatedUltra3000, echo: bool = False) -> SimulatedLine:
 
 def sent(ran: Ran) -> list[str]:
     """What the master sent, as a trace describes it."""
-    return re.findall(r" > [0-9A-F ]+  \| (.*)", ran.err)
+    return re.findall(r" > :[0-9A-F]+\\r  \| (.*)", ran.err)
 
 
 # -- reading -----------------------------------------------------------------------------------

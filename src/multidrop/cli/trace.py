@@ -42,7 +42,7 @@ class Trace:
             clock = datetime.now().strftime("%H:%M:%S.%f")[:-3]
             since = (now - self._last) * 1000 if self._last else 0.0
             self._last = now
-            raw = event.raw.hex(" ").upper()
+            raw = self._protocol.shown(event.raw)
             if isinstance(event, Damaged):
                 text = f"! {event.reason}"
             else:

@@ -29,3 +29,16 @@ def test_slink3() -> None:
     assert protocol.describe(question) == "1 #0 status word"
     assert protocol.line is slink3.LINE
     assert set(protocol.options) == {"broadcast"}
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "text"),
+    [
+        ("slink3", b"\x01\x0a:", "01 0A 3A"),
+        ("datalink", b"\x7e\x00", "7E 00"),
+        ("ultra3000", b":000000E0\r", r":000000E0\r"),
+        ("ultra3000", b"\x00 \\\xb0~\x7f\n", r"\x00 \\\xB0~\x7F\x0A"),
+    ],
+)
+def test_how_bytes_are_shown(name: str, raw: bytes, text: str) -> None:
+    assert PROTOCOLS[name].shown(raw) == text

@@ -36,6 +36,10 @@ class Datalink:
     explain = staticmethod(explain)
 
     @staticmethod
+    def shown(raw: bytes) -> str:
+        return raw.hex(" ").upper()
+
+    @staticmethod
     def line_for(options: Mapping[str, str]) -> LineSettings:
         """The line's settings with these options of its own. Raises `UsageError`."""
         return datalink.LINE if stuffing_of(options) else datalink.LINE_WITHOUT_STUFFING

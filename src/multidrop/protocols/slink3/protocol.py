@@ -33,6 +33,10 @@ class Slink3:
     prepare_broadcast = staticmethod(prepare_broadcast)
 
     @staticmethod
+    def shown(raw: bytes) -> str:
+        return raw.hex(" ").upper()
+
+    @staticmethod
     def line_for(options: Mapping[str, str]) -> LineSettings:
         return slink3.LINE  # no option of its own changes it
 

@@ -26,6 +26,15 @@ def _refusal(data: str) -> str:
     return refusal_meaning(int(data, 16)) if len(data) == 2 else f"{data or 'nothing'} ?"
 
 
+_SHOWN = {code: chr(code) if 0x20 <= code <= 0x7E else f"\\x{code:02X}" for code in range(256)}
+_SHOWN |= {ord("\r"): "\\r", ord("\\"): "\\\\"}
+
+
+def shown(raw: bytes) -> str:
+    """Characters as they are, carriage return as `\\r`, bytes that are no characters as `\\x80`."""
+    return "".join(map(_SHOWN.__getitem__, raw))
+
+
 def from_master(frame: Frame) -> bool:
     """Whether a master sent it, as far as a frame shows: many an answer equals its request.
 
@@ -41,4 +50,4 @@ def from_master(frame: Frame) -> bool:
     return bool(frame.data) or frame.function not in WRITES
 
 
-__all__ = ["describe", "from_master"]
+__all__ = ["describe", "from_master", "shown"]

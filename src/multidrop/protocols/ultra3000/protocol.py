@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from multidrop.protocols import ultra3000
 from multidrop.protocols.ultra3000.broadcast import prepare_broadcast
-from multidrop.protocols.ultra3000.describe import describe, from_master
+from multidrop.protocols.ultra3000.describe import describe, from_master, shown
 from multidrop.protocols.ultra3000.device import broadcast_of, device
 from multidrop.protocols.ultra3000.explain import continues, explain
 from multidrop.protocols.ultra3000.frame import decoder
@@ -28,6 +28,7 @@ class Ultra3000:
     continues = staticmethod(continues)
     explain = staticmethod(explain)
     from_master = staticmethod(from_master)
+    shown = staticmethod(shown)
     prepare_broadcast = staticmethod(prepare_broadcast)
 
     @staticmethod
