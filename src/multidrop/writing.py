@@ -100,8 +100,9 @@ def _send(record: Written, send: Send[FrameT]) -> Conversation[FrameT, tuple[Wri
     except DeviceError as refusal:
         return replace(record, outcome=Outcome.NOT_APPLIED, error=refusal), False
     except (NoReply, ProtocolError) as failure:
+        what = "did not come" if isinstance(failure, NoReply) else "cannot be believed"
         unknown = OutcomeUnknown(
-            f"{record.point}: the write of {shown_value(record.asked)} went out and its answer did not come ({failure})",
+            f"{record.point}: the write of {shown_value(record.asked)} went out and its answer {what} ({failure})",
             step=ANSWER,
         )
         return replace(record, outcome=Outcome.UNKNOWN, error=unknown), True

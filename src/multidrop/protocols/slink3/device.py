@@ -15,7 +15,7 @@ from multidrop.profile import Profile
 from multidrop.protocols.slink3 import services, status
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
 from multidrop.protocols.slink3.frame import MOST_DATA, Frame
-from multidrop.protocols.slink3.master import NO_REFUSALS, Master, StatusWord
+from multidrop.protocols.slink3.master import NO_REFUSALS, Master, StatusWord, believed
 from multidrop.protocols.slink3.messages import (
     Command,
     Response,
@@ -146,11 +146,11 @@ class Slink3Device(OneByOne):
             value = self._raw_value(point, type_code, write.value, write.force)
             again = point.role is Role.SETTING
             if point.standard:
-                answer = yield from self.master.write_standard(
+                writing = self.master.write_standard(
                     point.index, point.subindex or 0, type_code, value, repeatable=again
                 )
             else:
-                answer = yield from self.master.write_typed(
+                writing = self.master.write_typed(
                     point.index,
                     type_code,
                     value,
@@ -158,7 +158,7 @@ class Slink3Device(OneByOne):
                     point.destination,
                     repeatable=again,
                 )
-            return answer.submitted
+            return (yield from believed(writing)).submitted
 
         def wanted(sample: Sample) -> bytes:
             return self._encode(point, type_shown_by(sample), write.value, write.force)
