@@ -30,6 +30,7 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "load": ("memory", "Copy non-volatile values of a device back into use."),
     "compare-memory": ("memory", "What was changed and not saved, and what is not the default."),
     "raw": ("services", "Send one command body as is."),
+    "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }
 EXPLAINED = {  # what somebody may type, and what was meant

@@ -18,7 +18,6 @@ from multidrop.protocols.slink3.messages import (
     TypedParameter,
     response_meaning,
 )
-from multidrop.protocols.slink3.status import state
 from multidrop.protocols.slink3.values import Format
 from multidrop.timing import Format as CharacterFormat
 
@@ -41,20 +40,19 @@ class Slink3Prober:
     def identify(self, address: int) -> Conversation[Frame, Identity]:
         reply = yield Ask(self.probe(address), repeatable=True)
         if reply.code == Response.OK and len(reply.data) == 2:
-            return (yield from _drive(address, int.from_bytes(reply.data, "little")))
+            return (yield from _drive(address))
         if reply.code == Response.UNKNOWN_COMMAND:
             return (yield from _without_status(address))
         return _unknown(f"status word: {response_meaning(reply.code)}")
 
 
-def _drive(address: int, word: int) -> Conversation[Frame, Identity]:
+def _drive(address: int) -> Conversation[Frame, Identity]:
     """It has a status word. A FlexMax knows no void type, and may have a card behind it."""
     reply = yield from _read(address, (CARD_ADDRESS[0], Format.VOID))
     card = yield from _read(address, CARD_ADDRESS, BEHIND)
     behind = DGFC386.name if card.code == Response.OK else None
-    note = f"{state(word).value}, status word {word:04X}h"
     profile = FLEXMAX if reply.code == Response.TYPE_UNKNOWN else SLINK3
-    return Identity(profile.name, behind, note)
+    return Identity(profile.name, behind)
 
 
 def _without_status(address: int) -> Conversation[Frame, Identity]:

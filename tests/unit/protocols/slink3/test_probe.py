@@ -34,7 +34,7 @@ FLEXMAX: Known = {STATUS: (0, "5002"), VOID_511: (0x1E, "")}
 
 def test_a_flexmax() -> None:
     found, asked = identity(FLEXMAX)
-    assert found == Identity("flexmax", None, "switch-on disabled, status word 0250h")
+    assert found == Identity("flexmax")
     assert [frame.address for frame in asked] == [5, 5, 5]
     assert {frame.code for frame in asked} == {0x23, 0x26}
 

@@ -1,0 +1,1 @@
+"""What the bigger commands do, without their command line."""
