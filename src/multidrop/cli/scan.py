@@ -302,7 +302,7 @@ def _show(devices: list[FoundDevice], json: bool) -> None:
             f"{device.profile or device.protocol}:{device.address}",
             device.protocol,
             f"{device.baud} {device.format}",
-            "" if device.ms is None else f"{device.ms:.1f} ms",
+            "" if device.ms is None else f"{device.ms:7.1f} ms",
             device.error or "; ".join(filter(None, (_behind(device), device.note))),
         )
         for device in devices

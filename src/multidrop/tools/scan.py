@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from multidrop.errors import Error
+from multidrop.errors import DeviceError, NoReply, ProtocolError
 from multidrop.io.line import Line, Tap
 from multidrop.io.ports import Port, PortSetup, open_port
 from multidrop.naming import LineOptions
@@ -216,7 +216,7 @@ def _device(
         return FoundDevice(round.protocol, None, address, round.baud, round.format, error=error)
     try:
         identity = line.run(round.module.prober.identify(address))
-    except Error as error:
+    except (DeviceError, NoReply, ProtocolError) as error:
         identity = Identity(round.protocol, note=f"{found.said}; then {error}")
     return FoundDevice(
         protocol=round.protocol,

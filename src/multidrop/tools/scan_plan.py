@@ -74,6 +74,8 @@ def rounds(wanted: Wanted, port: str) -> list[Round]:
     usual = [of_one[0] for of_one in found if of_one]
     others = [item for of_one in found for item in of_one[1:]]
     every = [*usual, *others]
+    for item in every:
+        item.settings.timing(network=fixed)  # a rate or format that does not exist is refused here
     settings = list(dict.fromkeys((item.baud, item.format) for item in every))
     return sorted(every, key=lambda item: settings.index((item.baud, item.format)))
 

@@ -77,11 +77,11 @@ class _Doubts:
             if address not in self.asked:
                 return address
         while self.groups:
-            group = self.groups[0]
-            if self.heard.isdisjoint(group):
-                for address in group:
-                    if address not in self.asked:
-                        return address
+            for address in self.groups[0]:
+                if address in self.heard:
+                    break
+                if address not in self.asked:
+                    return address
             self.groups.popleft()
         return None
 
@@ -158,7 +158,7 @@ class Sweep:
         if self.done or now < self.deadline:
             return b""
         self._take(self._decoder.silence(), now)
-        self._judge(now)
+        self._judge()
         return self._next(now)
 
     # -- asking ----------------------------------------------------------------------------
@@ -197,7 +197,7 @@ class Sweep:
     def _take(self, events: Iterable[FrameReceived[Any] | Damaged], now: float) -> None:
         for event in events:
             if isinstance(event, Damaged):
-                self._take_damage(event, now)
+                self._take_damage(event)
             else:
                 self._take_frame(event, now)
 
@@ -229,14 +229,14 @@ class Sweep:
         if asked.alone:  # it has been heard: a second one would follow soon
             self._until = min(self._until, now + self._wait)
 
-    def _take_damage(self, event: Damaged, now: float) -> None:
+    def _take_damage(self, event: Damaged) -> None:
         self.counted.damaged += 1
         if self._slot is not None:
             self._slot.damage += event.raw
         else:
-            self._doubts.groups.append(self._unanswered(now))
+            self._doubts.groups.append(self._unanswered())
 
-    def _judge(self, now: float) -> None:
+    def _judge(self) -> None:
         """The time of a probe is over: what became of it?"""
         slot, self._slot = self._slot, None
         if slot is None:
@@ -246,14 +246,14 @@ class Sweep:
         elif slot.answers > 1 or (slot.answers and slot.damage):
             self._doubts.groups.append([slot.address])
         elif slot.damage:
-            self._doubts.groups.append(self._unanswered(now))
+            self._doubts.groups.append(self._unanswered())
 
-    def _unanswered(self, now: float) -> list[int]:
-        """Who may have sent something just now, the likeliest first."""
+    def _unanswered(self) -> list[int]:
+        """Who may have sent the bytes that came last, the likeliest first."""
         return [
             asked.address
             for asked in reversed(self._asked)
-            if asked.until >= now - LATE and asked.address not in self.found
+            if asked.until >= self._last_heard - LATE and asked.address not in self.found
         ]
 
     def _judge_alone(self, slot: _Asked) -> None:
