@@ -20,7 +20,7 @@ from multidrop.events import Damaged, FrameReceived
 from multidrop.exchange import LATE
 from multidrop.profile import Profile
 from multidrop.timing import LineSettings
-from multidrop.transaction import Damage, Heard, Stray, Transaction
+from multidrop.transaction import Damage, Heard, Meaning, Stray, Transaction
 
 Found = Transaction | Stray | Damage
 
@@ -45,17 +45,21 @@ class Observer:
         network: bool = False,
     ) -> None:
         self._protocol = protocol
+        self._continues = protocol.continues
         self._settings = settings
         self._timing = settings.timing(network=network)
+        self._character = self._timing.character
         self._profiles = dict(profiles)
         self._unknown = Profile(name=protocol.name, protocol=protocol.name)
         for address, profile in self._profiles.items():
             _check(protocol, address, profile)
         self._decoder = settings.decoder()
-        self._clock = _Clock(self._timing.character)
+        self._clock = _Clock(self._character)
         self._last_heard = 0.0
-        self._open: tuple[Heard, ...] = ()
-        self._meant: Any = None  # what the open frames mean, where that was worked out
+        self._heard_as: bool | None = None  # `sent` of what is in the decoder
+        self._open: list[Heard] = []
+        self._frames: list[Any] = []  # the same as frames alone
+        self._meaning: Meaning | None = None  # of what is open, where that was worked out
         self._answer: Heard | None = None
         self._echo: Heard | None = None
         self._hears_itself = False
@@ -74,12 +78,13 @@ class Observer:
         """
         if sent:
             return self._receive_sent(data, now)
-        found = self.time_passed(now)
+        found = self._silence(now)
         self._last_heard = now
+        self._heard_as = sent
         self._clock.receive(len(data), now)
         decoder = self._decoder
         events = decoder.line_error(data) if damaged else decoder.receive_data(data)
-        return found + self._received(events, sent) if events else found
+        return found + self._received(events) if events else found
 
     def frame(
         self, event: FrameReceived[Any] | Damaged, now: float, sent: bool | None = None
@@ -88,106 +93,109 @@ class Observer:
         if type(event) is Damaged:
             return [_new(Damage, (event.raw, event.reason, now, sent))]
         frame, raw = event
-        start = now - len(raw) * self._timing.character
-        return self._hear(_new(Heard, (frame, raw, start, now, sent)))
+        start = now - len(raw) * self._character
+        heard = _new(Heard, (frame, raw, start, now, sent))
+        found: list[Found] = []
+        if self._open:
+            last = self._open[-1]
+            if start >= last.end + LATE:
+                found = self._close()
+            elif frame == self._frames[0] and self._is_echo(heard):
+                self.echoes += 1
+                self._echo = heard
+                return found
+            elif (sent is None or sent is not last.sent) and self._continues(self._frames, frame):
+                return self._continue(heard)
+        if not self._continues((), frame):
+            found.append(Stray(heard, self._protocol.describe(frame)))
+            return found
+        if self._open:
+            found = self._close()
+        self._open.append(heard)
+        self._frames.append(frame)
+        return found
 
     @property
     def deadline(self) -> float:
         """When `time_passed` wants to be called even if nothing comes; infinite if never."""
-        open_until = self._open[-1].end + LATE if self._open else _NEVER
-        if self._decoder.pending:
-            return min(open_until, self._last_heard + self._timing.silence)
-        return open_until
+        cut_short = self._last_heard + self._timing.silence if self._decoder.pending else _NEVER
+        if not self._open or self._decoder.unfinished:  # what is still coming may be the answer
+            return cut_short
+        return min(cut_short, self._open[-1].end + LATE)
 
     def time_passed(self, now: float) -> list[Found]:
         """Nothing came until `now`: a frame may have been cut short, a question not answered."""
-        found: list[Found] = []
-        if self._decoder.pending and now >= self._last_heard + self._timing.silence:
-            found = self._cut_short(None)
-        if self._open and now >= self._open[-1].end + LATE:
+        found = self._silence(now)
+        if self._open and not self._decoder.unfinished and now >= self._open[-1].end + LATE:
             found += self._close()
         return found
 
     def finish(self) -> list[Found]:
         """Nothing more will come: what is still open comes out."""
-        return self._cut_short(None) + self._close()
+        return self._cut_short() + self._close()
 
     # -- bytes to frames -------------------------------------------------------------------
 
     def _receive_sent(self, data: bytes, now: float) -> list[Found]:
         """What this side sends is whole, and ends a frame that was still coming."""
-        found = self.time_passed(now) + self._cut_short(False)
+        found = self._cut_short()
         decoder = self._settings.decoder()
         for event in [*decoder.receive_data(data), *decoder.silence()]:
-            now += len(event.raw) * self._timing.character
+            now += len(event.raw) * self._character
             found += self.frame(event, now, True)
         return found
 
-    def _cut_short(self, sent: bool | None) -> list[Found]:
-        found = self._received(self._decoder.silence(), sent)
-        self._clock = _Clock(self._timing.character)  # a decoder may skip a byte without a word
+    def _silence(self, now: float) -> list[Found]:
+        if self._decoder.pending and now >= self._last_heard + self._timing.silence:
+            return self._cut_short()
+        return []
+
+    def _cut_short(self) -> list[Found]:
+        found = self._received(self._decoder.silence())
+        self._clock = _Clock(self._character)  # a decoder may skip a byte without a word
         return found
 
-    def _received(
-        self, events: Iterable[FrameReceived[Any] | Damaged], sent: bool | None
-    ) -> list[Found]:
+    def _received(self, events: Iterable[FrameReceived[Any] | Damaged]) -> list[Found]:
         found: list[Found] = []
         for event in events:
-            found += self.frame(event, self._clock.end_of(len(event.raw)), sent)
+            found += self.frame(event, self._clock.end_of(len(event.raw)), self._heard_as)
         return found
 
     # -- frames to transactions ------------------------------------------------------------
 
-    def _hear(self, heard: Heard) -> list[Found]:
-        frame, _, start, _, sent = heard
-        continues = self._protocol.continues
-        open_frames = self._open
-        found: list[Found] = []
-        if open_frames:
-            last = open_frames[-1]
-            if start >= last.end + LATE:
-                found = self._close()
-            elif self._is_echo(heard):
-                self.echoes += 1
-                self._echo = heard
-                return []
-            elif (sent is None or sent is not last.sent) and continues(
-                [known.frame for known in open_frames], frame
-            ):
-                return self._continue(heard)
-        if continues((), frame):
-            found += self._close()
-            self._open = (heard,)
-            return found
-        found.append(Stray(heard, self._protocol.describe(frame)))
-        return found
-
     def _continue(self, heard: Heard) -> list[Found]:
-        frames = self._open = (*self._open, heard)
-        if self._answer is None and heard.frame.answers(frames[0].frame):
+        if self._answer is None and heard.frame.answers(self._frames[0]):
             self._answer = heard
-        self._meant = self._explain(frames)
-        return self._close() if self._meant.complete else []
+        self._open.append(heard)
+        self._frames.append(heard.frame)
+        self._meaning = self._explained()
+        return self._close() if self._meaning.complete else []
 
-    def _explain(self, frames: tuple[Heard, ...]) -> Any:
-        profile = self._profiles.get(frames[0].frame.address, self._unknown)
-        return self._protocol.explain([heard.frame for heard in frames], profile)
+    def _explained(self) -> Meaning:
+        profile = self._profiles.get(self._frames[0].address, self._unknown)
+        return self._protocol.explain(self._frames, profile)
 
     def _close(self) -> list[Found]:
         """What is open, as it is; nothing will be added to it."""
-        frames = self._open
+        frames, answer, echo = tuple(self._open), self._answer, self._echo
         if not frames:
             return []
-        question, answer, echo, meant = frames[0], self._answer, self._echo, self._meant
-        self._open = ()
-        self._answer = self._echo = self._meant = None
-        asked = question.frame
-        if len(frames) == 1:
-            if not question.sent and not self._protocol.from_master(asked):
-                return [Stray(question, self._protocol.describe(asked))]
-            meant = self._explain(frames)
-        ms = None if answer is None else max(0.0, answer.start - question.end) * 1000
-        return [_new(Transaction, (frames, meant, asked.address, ms, echo))]
+        question = frames[0]
+        found: Found
+        if (
+            len(frames) == 1
+            and not question.sent
+            and not self._protocol.from_master(question.frame)
+        ):
+            found = Stray(question, self._protocol.describe(question.frame))
+        else:
+            meaning = self._meaning or self._explained()
+            ms = None if answer is None else max(0.0, answer.start - question.end) * 1000
+            address = question.frame.address
+            found = _new(Transaction, (frames, meaning, address, ms, echo))
+        self._open, self._frames = [], []
+        self._meaning = self._answer = self._echo = None
+        return [found]
 
     def _is_echo(self, heard: Heard) -> bool:
         """Whether this is the copy of the question that a line which hears itself delivers.
@@ -197,11 +205,11 @@ class Observer:
         heard to echo before.
         """
         question = self._open[0]
-        if len(self._open) > 1 or self._echo is not None or heard.frame != question.frame:
+        if len(self._open) > 1 or self._echo is not None:
             return False
         if heard.sent or (heard.sent is False and not question.sent):
             return False
-        overlaps = heard.start < question.end - self._timing.character / 2
+        overlaps = heard.start < question.end - self._character / 2
         if not question.sent:
             return overlaps and not heard.frame.answers(question.frame)
         if heard.frame.answers(question.frame):

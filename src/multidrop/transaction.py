@@ -5,7 +5,6 @@ An `Observer` makes these of frames; a protocol's `explain` gives the meaning.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -106,11 +105,6 @@ def shown(point: Point, sample: Sample) -> str:
     return text
 
 
-def shown_values(values: Sequence[tuple[Point, Sample]], sign: str) -> str:
-    """`C100 = 1, loop0_setpoint (C101) = 20 EU`, with `sign` between point and value."""
-    return ", ".join(f"{point} {sign} {shown(point, sample)}" for point, sample in values)
-
-
 __all__ = [
     "Damage",
     "Heard",
@@ -120,5 +114,4 @@ __all__ = [
     "Stray",
     "Transaction",
     "shown",
-    "shown_values",
 ]

@@ -10,12 +10,11 @@ from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.device import memory_map_of
 from multidrop.protocols.datalink.frame import Command, Frame
 from multidrop.protocols.datalink.layout import Layout, Placed
-from multidrop.protocols.datalink.values import TYPE_NAMES
-from multidrop.transaction import Kind, Meaning, shown_values
+from multidrop.transaction import Kind, Meaning, shown
 
 _CHANGES = (Command.CHANGE, Command.CHANGE_BITS)
 
-Values = tuple[tuple[Point, Sample], ...]
+Said = tuple[tuple[tuple[Point, Sample], ...], str]  # values, and the same in words
 
 
 def continues(frames: Sequence[Frame], frame: Frame) -> bool:
@@ -59,17 +58,16 @@ class _Explainer:
         _, _, memory_address, count, _ = frames[0]
         points = self._points(memory_address, count)
         if len(frames) == 1:
-            names = ", ".join(str(point) for point, _ in points) or f"{memory_address:04X}h/0"
+            names = ", ".join(placed.shown for placed in points) or f"{memory_address:04X}h/0"
             return Meaning(Kind.READ, f"read {names}: no answer", complete=False)
-        values = _values(points, frames[1].data)
-        text = f"read {shown_values(values, '=')}" if values else describe(frames[1])
-        return Meaning(Kind.READ, text, values)
+        values, text = _values(points, frames[1].data, "=")
+        return Meaning(Kind.READ, f"read {text}" if values else describe(frames[1]), values)
 
     def write(self, frames: Sequence[Frame]) -> Meaning:
         change, last = frames[0], frames[-1]
         bits = change.command is Command.CHANGE_BITS
-        values = self._bits(change) if bits else self._bytes(change)
-        text = f"write {shown_values(values, ':=')}" if values else describe(change)
+        values, text = self._bits(change) if bits else self._bytes(change)
+        text = f"write {text}" if values else describe(change)
         echo = next((frame for frame in frames if frame.command is Command.RESPONSE), None)
         right = echo is not None and echo.data == change.data
         heard = (
@@ -93,30 +91,31 @@ class _Explainer:
             self._known[key] = points
         return points
 
-    def _bytes(self, change: Frame) -> Values:
-        return _values(self._points(change.memory_address, change.count), change.data)
+    def _bytes(self, change: Frame) -> Said:
+        return _values(self._points(change.memory_address, change.count), change.data, ":=")
 
-    def _bits(self, change: Frame) -> Values:
+    def _bits(self, change: Frame) -> Said:
         """The bits that both readings of mask and state change; none where a byte is no bits."""
         masks, states = change.data[::2], change.data[1::2]
         found: list[tuple[Point, Sample]] = []
         for at, (mask, state) in enumerate(zip(masks, states, strict=False)):
             points = self._layout.bits(change.memory_address + at, ~mask & 0xFF)
             if points is None or mask & state:
-                return ()
-            for point in points:
-                raw = bytes((state >> point.bit & 1,))
-                found.append((point, Sample(raw != b"\0", TYPE_NAMES["L"], raw)))
-        return tuple(found)
+                return (), ""
+            found += [(point, point.sample(bytes((state,)))) for point in points]
+        return tuple(found), ", ".join(f"{point} := {shown(point, bit)}" for point, bit in found)
 
 
 _explainer = OfProfile(_Explainer)
 
 
-def _values(points: Sequence[Placed], memory: bytes) -> Values:
-    """The samples of those points that these bytes hold."""
-    return tuple(
-        (point, point.sample(memory[start:] if start else memory))
-        for point, start in points
-        if start + point.count <= len(memory)
-    )
+def _values(points: Sequence[Placed], memory: bytes, sign: str) -> Said:
+    """The samples of those points that these bytes hold, and the same in words."""
+    values: list[tuple[Point, Sample]] = []
+    texts = []
+    for point, start, end, name in points:
+        if end <= len(memory):
+            sample = point.sample(memory[start:end])
+            values.append((point, sample))
+            texts.append(f"{name} {sign} {shown(point, sample)}")
+    return tuple(values), ", ".join(texts)

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from multidrop.profile import Profile
 from multidrop.protocols.datalink.memory import BITS_OF_A_BYTE, END, SIZES, MemoryMap
 from multidrop.protocols.datalink.points import DataPoint, Points
 
-Placed = tuple[DataPoint, int]  # a point, and where it begins in the stretch
+
+class Placed(NamedTuple):
+    """A point, where it begins in a stretch and ends, and what people call it."""
+
+    point: DataPoint
+    start: int
+    end: int
+    shown: str
+
 
 _WHOLE = ("B", "C", "H", "A", "F")  # types by which memory is read that no point describes
 
@@ -54,7 +63,7 @@ class Layout:
                 found += self._undescribed(at, at + size)
             at += size
         found.sort(key=lambda point: (point.memory_address, point.bit))
-        return [(point, point.memory_address - memory_address) for point in found]
+        return [_placed(point, point.memory_address - memory_address) for point in found]
 
     def bits(self, memory_address: int, selected: int) -> list[DataPoint] | None:
         """The L points of the `selected` bits of a byte; None where it holds no such points."""
@@ -95,6 +104,10 @@ class Layout:
             if not rest and number < area.points and at + SIZES[letter] <= end:
                 return self._points.find(f"{letter}{number}")[0]
         return None
+
+
+def _placed(point: DataPoint, start: int) -> Placed:
+    return Placed(point, start, start + point.count, str(point))
 
 
 def _memory(start: int, end: int) -> DataPoint:

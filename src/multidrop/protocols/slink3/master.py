@@ -25,7 +25,7 @@ from multidrop.protocols.slink3.messages import (
     type_name,
 )
 from multidrop.protocols.slink3.status import State, bits_set, malfunction_family, state
-from multidrop.protocols.slink3.values import Format, Value, decode_value, encode_value
+from multidrop.protocols.slink3.values import FORMATS, Format, Value, decode_value, encode_value
 
 FRAME_ERROR_ATTEMPTS = 3
 
@@ -43,8 +43,8 @@ class ParameterValue(NamedTuple):
     @property
     def value(self) -> Value:
         """Raises `ProtocolError` where the bytes do not fit the type."""
-        known = self.type_code in Format._value2member_map_
-        return decode_value(Format(self.type_code), self.raw) if known else self.raw
+        known = FORMATS.get(self.type_code)
+        return decode_value(known, self.raw) if known is not None else self.raw
 
     def sample(self, fault: bool | None) -> Sample:
         """The same as a sample; `fault` is None in a dialect without the bit."""

@@ -7,6 +7,7 @@ and `decode`.
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 from multidrop.errors import UsageError
@@ -194,6 +195,7 @@ def _check_index(index: int, subindex: int | None) -> None:
         raise UsageError(f"subindex {subindex} is out of range: 0..255")
 
 
+@lru_cache(256)
 def type_name(type_code: int) -> str:
     """The name of a type code on the wire, known or not."""
     known = type_code in Format._value2member_map_

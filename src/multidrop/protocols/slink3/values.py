@@ -39,6 +39,9 @@ class Format(IntEnum):
         return _TYPE_NAMES.get(self, f"type{self:02X}h")
 
 
+FORMATS = {int(known): known for known in Format}
+"""The types that the manual names, by their code on the wire."""
+
 HAS_SUBINDEX = 0x80  # bit 7 of FORMAT
 TYPE_BITS = 0x1F  # bits 0-4
 
