@@ -288,3 +288,38 @@ def test_lines_that_do_not_stuff(vessel: Simulator) -> None:
     ran = multidrop("read", vessel.device("53mc5000:3", stuffing="of"), "C103")
     assert ran.status == 2
     assert "stuffing='of' is none of on, off" in ran.err
+
+
+def test_an_instrument_that_does_not_stuff() -> None:
+    """7Eh in a value, and as an LRC, without an inserted 00 behind it."""
+    with simulator("53mc5000:3", "--stuffing", "off") as started:
+        device = started.device("53mc5000:3", stuffing="off")
+        ran = multidrop("write", device, "B126=126", "C103=0x7E", "--json", "--trace")
+        assert [line["outcome"] for line in ran.objects] == ["confirmed", "confirmed"]
+        assert "> 7E A3 01 7E 02 7E A2  |" in ran.err
+        found = multidrop("read", device, "B126", "C103", "--json").objects
+        assert [line["value"] for line in found] == [126, 126.0]
+        stuffed = started.device("53mc5000:3", timeout=0.1)
+        assert multidrop("read", stuffed, "B126").status == 4
+
+
+def test_a_plant_whose_line_does_not_stuff(tmp_path: Path) -> None:
+    plant = tmp_path / "plant.toml"
+    plant.write_text(
+        '[line.front]\nport = "tcp://127.0.0.1:0"\nstuffing = "off"\n'
+        '[line.front.device.vessel]\nprofile = "53mc5000"\naddress = 3\n'
+    )
+    with running("simulate", str(plant)) as process:
+        port = process.wait_for("listening on").split()[-1]
+        found = multidrop("read", f"53mc5000:3@{port},stuffing=off", "B126", "--json")
+        assert found.object["value"] == 0
+        assert (
+            "7E 23 01 7E 02 00 A4"
+            in multidrop("read", f"53mc5000:3@{port},stuffing=off", "B126", "--trace").err
+        )
+
+
+def test_stuffing_of_what_never_stuffs() -> None:
+    ran = multidrop("simulate", "flexmax:0", "--stuffing", "off", "--listen", "tcp://127.0.0.1:0")
+    assert ran.status == 2
+    assert "unknown key 'stuffing'" in ran.err

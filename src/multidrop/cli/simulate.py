@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -40,6 +41,7 @@ from multidrop.sim.serve import serve
     "--late", type=float, default=LATE, metavar="S", help="how late a late answer is (1.0)"
 )
 @click.option("--echo", is_flag=True, help="the line hears itself")
+@click.option("--stuffing", metavar="X", help="on or off: byte stuffing (datalink)")
 @click.option("--seed", type=int, help="the same faults again")
 def simulate(
     devices: tuple[str, ...],
@@ -51,6 +53,7 @@ def simulate(
     faults: tuple[str, ...],
     late: float,
     echo: bool,
+    stuffing: str | None,
     seed: int | None,
 ) -> None:
     """Simulate devices on a line: a plant file's, or those named, with default values.
@@ -61,13 +64,19 @@ def simulate(
     """
     if min(burst, delay, late) < 0:
         raise UsageError("--burst, --delay and --late are times: 0 or more")
-    lines = _of_plant(devices[0]) if devices[0].endswith(".toml") else _named(devices, listen)
-    if devices[0].endswith(".toml") and listen:
-        raise UsageError("a plant file names its own ports: leave --listen away")
+    own = {} if stuffing is None else {"stuffing": stuffing}
+    if devices[0].endswith(".toml"):
+        if listen or own:
+            raise UsageError(
+                "a plant file has its own ports and keys: leave --listen and --stuffing away"
+            )
+        lines = _of_plant(devices[0])
+    else:
+        lines = _named(devices, listen, own)
     rates = dict(parse_fault(text) for text in faults)
     served = []
     for where, line in lines:
-        settings = line_settings(PROTOCOLS[line.protocol], line.profile, LineOptions(baud=baud))
+        settings = line.settings if baud is None else line.settings.with_options(baud=baud)
         character = settings.character if pace else 0.0
         line.simulated.pace = Pace(character, burst / 1000, delay / 1000)
         line.simulated.faults = LineFaults(RandomFaults(rates, seed), late, echo)
@@ -76,10 +85,11 @@ def simulate(
 
 
 class _Planned:
-    """A line to simulate, and the profile whose settings it has."""
+    """A line to simulate, and its settings: the first profile's, with the line's own keys."""
 
-    def __init__(self, devices: list[tuple[Profile, int, str | None]]) -> None:
-        self.profile = devices[0][0]
+    def __init__(
+        self, devices: list[tuple[Profile, int, str | None]], keys: Mapping[str, str]
+    ) -> None:
         protocols = {profile.protocol for profile, _, _ in devices}
         if len(protocols) > 1:
             raise UsageError(
@@ -89,23 +99,28 @@ class _Planned:
         for address in addresses:
             if addresses.count(address) > 1:
                 raise UsageError(f"address {address} is used twice on one line")
-        self.protocol = protocols.pop()
-        settings = PROTOCOLS[self.protocol].line
+        protocol = PROTOCOLS[protocols.pop()]
+        options = LineOptions.parse(keys, protocol.options)
+        self.settings = line_settings(protocol, devices[0][0], options)
         self.simulated = SimulatedLine(
             [simulated_device(*device) for device in devices],
-            settings.decoder,
-            character=settings.character,
+            self.settings.decoder,
+            character=self.settings.character,
         )
 
 
-def _named(devices: tuple[str, ...], listen: str | None) -> list[tuple[str, _Planned]]:
+def _named(
+    devices: tuple[str, ...], listen: str | None, keys: Mapping[str, str]
+) -> list[tuple[str, _Planned]]:
     if listen is None:
         raise UsageError("where? --listen tcp://127.0.0.1:4001 or --listen pty:/tmp/drive")
     named = [parse_simulated(text) for text in devices]
     return [
         (
             listen,
-            _Planned([(load_profile(name), address, behind) for name, address, behind in named]),
+            _Planned(
+                [(load_profile(name), address, behind) for name, address, behind in named], keys
+            ),
         )
     ]
 
@@ -114,14 +129,12 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
     plant = load_plant(Path(file), load_profile)
     lines = []
     for line, port in plant.lines.items():
-        devices = [
-            (device.profile, device.device.address or 0, device.behind)
-            for device in plant.devices.values()
-            if device.line == line
-        ]
-        if devices:
+        there = [device for device in plant.devices.values() if device.line == line]
+        if there:
+            devices = [(item.profile, item.device.address or 0, item.behind) for item in there]
             where = port if "://" in port else f"pty:{port}"
-            lines.append((where.replace("rfc2217://", "tcp://"), _Planned(devices)))
+            planned = _Planned(devices, there[0].device.options)
+            lines.append((where.replace("rfc2217://", "tcp://"), planned))
     if not lines:
         raise UsageError(f"{file} has no devices to simulate")
     return lines

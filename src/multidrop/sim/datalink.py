@@ -54,6 +54,7 @@ class SimulatedInstrument:
         self._port = configuration_port
         self._open_until = 0.0
         self._echoed_at = 0.0
+        self._frame: type[Frame] = Frame  # as it was asked: stuffed or not
         self._applies: list[tuple[float, Request]] = []  # (end of the scan, acknowledged change)
 
     @property
@@ -72,6 +73,7 @@ class SimulatedInstrument:
             self.slave.acknowledge_overdue()
         answers = []
         for request in self.slave.receive_events(events):
+            self._frame = type(request.frame)
             if request.acknowledged:
                 self._applies.append((self.inside.end_of_scan(now), request))
                 continue
@@ -93,7 +95,7 @@ class SimulatedInstrument:
 
     def disguise(self, answer: bytes, fault: Fault) -> bytes:
         """The answer of the instrument next door; there are no sequence numbers to be wrong."""
-        frame = Frame.decode(answer)
+        frame = self._frame.decode(answer)
         return frame._replace(address=(frame.address + 1) % 32).encode()
 
     def _read(self, request: Request) -> Reply:

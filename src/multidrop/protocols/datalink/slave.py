@@ -20,7 +20,6 @@ from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
     Command,
     Frame,
-    UnstuffedFrame,
     decoder,
 )
 from multidrop.protocols.datalink.memory import END
@@ -71,7 +70,6 @@ class Slave:
                 f"address {address} is out of range: an instrument has 0..{MOST_ADDRESS}"
             )
         self.address = address
-        self._frame = Frame if stuffing else UnstuffedFrame
         self._decoder = decoder(stuffing)
         self._pending: Frame | None = None
 
@@ -103,11 +101,11 @@ class Slave:
         return requests
 
     def answer(self, request: Request, reply: Reply) -> bytes:
-        """The bytes to send for a request: none for an acknowledged change."""
+        """The bytes to send for a request, stuffed as it was; none for an acknowledged change."""
         if request.acknowledged:
             return b""
         frame, data = request.frame, reply.data
-        return self._frame(
+        return type(frame)(
             Command.RESPONSE, self.address, frame.memory_address, len(data), data
         ).encode()
 
