@@ -10,6 +10,9 @@ from typing import Any
 from multidrop.decoder import Decoder
 from multidrop.errors import UsageError
 
+SLOW = 9600
+"""Baud rates below this one have characters of more than a millisecond or so: 100 ms at 110 baud."""
+
 
 @dataclass(frozen=True, slots=True)
 class Format:
@@ -57,6 +60,7 @@ class LineSettings:
     answer_slack_network: float = 0.300
     silence_slack_serial: float = 0.030
     silence_slack_network: float = 0.300
+    byte_gap_baud: int = 0  # below it `byte_gap` grows with the time of a bit; 0: never
     timeout: float | None = None  # set by the user: waits exactly so long for the first byte
     silence: float | None = (
         None  # set by the user: cuts a frame after exactly so long without a byte
@@ -80,19 +84,27 @@ class LineSettings:
 
     def timing(self, *, network: bool) -> Timing:
         """The times that a master keeps on a serial port, or behind a network."""
-        slower = max(1.0, 9600 / self.baud)
         answer_slack = self.answer_slack_network if network else self.answer_slack_serial
         silence_slack = self.silence_slack_network if network else self.silence_slack_serial
         return Timing(
             character=self.character,
             gap=self.gap,
-            answer=self.timeout if self.timeout is not None else self.answer + answer_slack,
+            answer=self.timeout
+            if self.timeout is not None
+            else self.answer + answer_slack + self._slow_character(),
             silence=self.silence
             if self.silence is not None
-            else self.character + self.byte_gap * slower + silence_slack,
+            else self.character + self._byte_gap() + silence_slack,
             longest_frame=self.longest_frame,
             attempts=self.attempts,
         )
+
+    def _byte_gap(self) -> float:
+        return self.byte_gap * max(1.0, self.byte_gap_baud / self.baud)
+
+    def _slow_character(self) -> float:
+        """A byte is heard at its end; what that takes is in the slack of any but slow lines."""
+        return self.character if self.baud < SLOW else 0.0
 
     def with_options(self, **options: object) -> LineSettings:
         """The same settings with those of `options` that are not None."""

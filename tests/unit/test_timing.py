@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from multidrop.errors import UsageError
+from multidrop.protocols import datalink
 from multidrop.protocols.slink3 import LINE
 from multidrop.timing import Format, LineSettings
 
@@ -52,6 +53,20 @@ def test_the_silence_follows_the_baud_rate_downwards_only() -> None:
     fast = LINE.with_options(baud=38400).timing(network=False)
     assert slow.silence == pytest.approx(11 / 4800 + 0.012 + 0.030)
     assert fast.silence == pytest.approx(11 / 38400 + 0.006 + 0.030)
+
+
+def test_a_gap_that_the_document_gives_in_milliseconds_stays_at_slow_baud_rates() -> None:
+    """Datalink's 100 ms are a time whatever the baud rate."""
+    slow = datalink.LINE.with_options(baud=110).timing(network=False)
+    assert slow.silence == pytest.approx(11 / 110 + 0.100 + 0.090)
+
+
+@pytest.mark.parametrize(("baud", "more"), [(110, 0.1), (4800, 11 / 4800), (9600, 0), (19200, 0)])
+def test_the_first_byte_of_an_answer_takes_its_time_on_a_slow_line(baud: int, more: float) -> None:
+    """It is heard at its end: at 110 baud 100 ms after it began."""
+    for settings, answer in ((datalink.LINE, 0.100), (LINE, 1.520)):
+        timing = settings.with_options(baud=baud).timing(network=False)
+        assert timing.answer == pytest.approx(answer + more)
 
 
 def test_the_user_sets_the_whole_time() -> None:

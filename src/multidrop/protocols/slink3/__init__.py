@@ -19,6 +19,7 @@ LINE = LineSettings(
     format=CharacterFormat(8, "E", 1),
     gap=0.002,  # A 12.3.3
     byte_gap=0.006,  # A 12.3.1
+    byte_gap_baud=9600,
     answer=1.5,  # A 12.3.2
     longest_frame=255,
     decoder=decoder,
