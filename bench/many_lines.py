@@ -2,7 +2,7 @@
 
 `python -m bench.many_lines CPU SECONDS` is that process: it reads the ports as a
 line of JSON, polls some of the lines one at a time, then all of them together,
-and prints the polls a second of each.
+and prints the polls a second of each, and when each poll was asked and answered.
 """
 
 from __future__ import annotations
@@ -11,21 +11,29 @@ import asyncio
 import json
 import os
 import sys
-from statistics import median
+from array import array
+from statistics import mean, median
 from time import monotonic, process_time
+from typing import Any, TypeAlias
 
 from bench.measure import Result, line_of, start
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.protocols import slink3
 from multidrop.protocols.slink3 import Format, Master
 
-LINES = 200
+CASES = ((200, 16.0), (200, 4.0), (200, 0.0), (100, 0.0))
+"""Lines, and the ms between deliveries of an answer's bytes (0: each byte by itself)."""
 ALONE = 6  # lines that are also polled alone
 SETTLE = 0.5  # s that do not count
-LIMIT = 1 / ((11 + 13) * slink3.LINE.character + slink3.LINE.gap)  # polls a second
+ON_THE_LINE = (11 + 13) * slink3.LINE.character  # s: request and answer
+OWN_TIME = ON_THE_LINE + slink3.LINE.gap  # s: and the rest before the next request
+LIMIT = 1 / OWN_TIME  # polls a second
+
+Polls: TypeAlias = "array[float]"
+"""Two of each poll: when it was asked, and when its answer was complete (monotonic, s)."""
 
 
-async def polls(line: AsyncLine, seconds: float, phase: float = 0.0) -> float:
+async def polls(line: AsyncLine, seconds: float, seen: Polls, phase: float = 0.0) -> float:
     """Polls a second of a line that is read without a pause, once it has settled.
 
     Lines that start in step queue behind each other at first: each has its phase.
@@ -36,7 +44,8 @@ async def polls(line: AsyncLine, seconds: float, phase: float = 0.0) -> float:
     first = last = 0.0
     count = -1  # the first only starts the clock
     while last < begin + seconds:
-        await line.run(master.read_typed(8236, Format.SHORT_INT))
+        found = await line.timed(master.read_typed(8236, Format.SHORT_INT))
+        seen.extend((found.received_at - found.seconds, found.received_at))
         last = monotonic()
         if last >= begin:
             first = first or last
@@ -44,58 +53,85 @@ async def polls(line: AsyncLine, seconds: float, phase: float = 0.0) -> float:
     return count / (last - first)
 
 
-async def measure(ports: list[str], seconds: float) -> dict[str, list[float]]:
+async def measure(ports: list[str], seconds: float) -> dict[str, Any]:
     """Some lines alone, all together, some others alone."""
     lines = [await open_async_line(port, slink3.LINE) for port in ports]
-    chosen = lines[:: len(lines) // ALONE][:ALONE]
-    before = [await polls(line, seconds / 4) for line in chosen[::2]]
-    used = process_time()
-    started = monotonic()
+    seen: list[Polls] = [array("d") for _ in lines]
+    chosen = list(range(0, len(lines), len(lines) // ALONE))[:ALONE]
+    before = [await polls(lines[at], seconds / 4, seen[at]) for at in chosen[::2]]
+    used, started = process_time(), monotonic()
     together = await asyncio.gather(
-        *(polls(line, seconds, at / LIMIT / len(lines)) for at, line in enumerate(lines))
+        *(polls(lines[at], seconds, seen[at], at / LIMIT / len(lines)) for at in range(len(lines)))
     )
-    used = (process_time() - used) / (monotonic() - started)
-    after = [await polls(line, seconds / 4) for line in chosen[1::2]]
+    ended = monotonic()
+    used = (process_time() - used) / (ended - started)
+    after = [await polls(lines[at], seconds / 4, seen[at]) for at in chosen[1::2]]
     for line in lines:
         await line.close()
-    return {"alone": before + after, "together": together, "core": [used]}
+    period = [started + 2 * SETTLE, ended]
+    alone = before + after
+    return {
+        "alone": alone,
+        "together": together,
+        "core": used,
+        "period": period,
+        "seen": [list(zip(times[::2], times[1::2], strict=True)) for times in seen],
+    }
 
 
-def run(burst_ms: float, seconds: float) -> dict[str, list[float]]:
+def run(count: int, burst_ms: float, seconds: float) -> dict[str, Any]:
     """One round: masters on one core, the simulator on another."""
     masters_core, simulator_core = sorted(os.sched_getaffinity(0))[:2]
-    simulator = start("simulator", "many", str(LINES), str(burst_ms), str(simulator_core))
+    simulator = start("many_simulated", str(simulator_core), str(count), str(burst_ms), "flexmax")
     masters = start("many_lines", str(masters_core), str(seconds))
     assert simulator.stdin is not None
     assert masters.stdin is not None
     try:
         print(line_of(simulator.stdout), file=masters.stdin, flush=True)
-        found: dict[str, list[float]] = json.loads(line_of(masters.stdout))
+        found: dict[str, Any] = json.loads(line_of(masters.stdout))
         print("report", file=simulator.stdin, flush=True)
-        found["late"] = json.loads(line_of(simulator.stdout))
+        found["parts"] = parts(found, json.loads(line_of(simulator.stdout)))
         return found
     finally:
         masters.communicate()
         simulator.communicate()
 
 
+def parts(found: dict[str, Any], noted: list[list[list[float]]]) -> dict[str, float]:
+    """What a poll took beyond the line's own time while all were polled: the mean of each part, ms."""
+    times: dict[str, list[float]] = {"request": [], "answer": [], "receipt": [], "rest": []}
+    begin, end = found["period"]
+    for seen, line in zip(found["seen"], noted, strict=True):
+        assert len(seen) == len(line), "a read was repeated"
+        for at in range(len(seen) - 1):
+            asked, received = seen[at]
+            came, due, out = line[at]
+            if not begin < asked < end - SETTLE:
+                continue
+            times["request"].append(came - asked)
+            times["answer"].append(out - due)
+            times["receipt"].append(received - out)
+            times["rest"].append(seen[at + 1][0] - received - slink3.LINE.gap)
+    return {name: mean(values) * 1000 for name, values in times.items()}
+
+
 def many_lines(quick: bool) -> list[Result]:
-    rounds, seconds = (1, 3.0) if quick else (5, 8.0)
-    found: dict[float, list[dict[str, list[float]]]] = {0.0: [], 16.0: []}
+    rounds, seconds = (1, 3.0) if quick else (3, 6.0)
+    found: dict[tuple[int, float], list[dict[str, Any]]] = {case: [] for case in CASES}
     for _ in range(rounds):
-        for burst, series in found.items():
-            series.append(run(burst, seconds))
-    return [_result(burst, series) for burst, series in found.items()]
+        for (count, burst), series in found.items():
+            series.append(run(count, burst, seconds))
+    return [_result(count, burst, series) for (count, burst), series in found.items()]
 
 
-def _result(burst: float, series: list[dict[str, list[float]]]) -> Result:
+def _result(count: int, burst: float, series: list[dict[str, Any]]) -> Result:
     worst = median(min(run["together"]) / median(run["alone"]) for run in series)
     typical = median(median(run["together"]) / median(run["alone"]) for run in series)
     alone = median(median(run["alone"]) for run in series)
-    late = [median(run["late"][at] for run in series) * 1000 for at in (0, 1)]
+    part = {name: median(run["parts"][name] for run in series) for name in series[0]["parts"]}
     how = f"in bursts of {burst:g} ms" if burst else "byte by byte"
     return Result(
-        f"{LINES} paced 9600-baud lines in one process on one core, answers {how}",
+        f"{count} paced 9600-baud lines in one process on one core, answers {how}",
         "each line alone",
         ">= 0.97 of its polls, every line",
         f"{worst:.3f}",
@@ -103,8 +139,11 @@ def _result(burst: float, series: list[dict[str, list[float]]]) -> Result:
         [
             f"the slowest line {worst:.3f}, the median line {typical:.3f} of a line alone, "
             f"which makes {alone:.2f} polls a second of the {LIMIT:.2f} that 9600 baud allows",
-            f"the masters use {median(run['core'][0] for run in series):.0%} of their core; "
-            f"the simulator is {late[0]:.2f} ms late in the median, {late[1]:.2f} ms in the 99th percentile",
+            f"the masters use {median(run['core'] for run in series):.0%} of their core",
+            f"a poll takes {sum(part.values()):.2f} ms more than the line's own {OWN_TIME * 1000:.1f} ms: "
+            f"{part['request']:.2f} until the simulator has the request, "
+            f"{part['answer']:.2f} the simulator's last byte is late, "
+            f"{part['receipt']:.2f} until the master has it, {part['rest']:.2f} rest beyond 2 ms",
         ],
     )
 

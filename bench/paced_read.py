@@ -1,7 +1,7 @@
 """Reads in a row on a paced line of any protocol: what a read costs beyond the line's own time.
 
 `python -m bench.paced_read PROFILE ANSWER LISTEN BURST_MS` serves the simulated
-device of a profile at address 0 as `bench.simulator one` does; an answer has
+device of a profile at address 0 as `bench.simulator` does; an answer has
 ANSWER bytes.
 """
 
