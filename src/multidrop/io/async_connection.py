@@ -3,26 +3,47 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self, TypeVar
 
+from multidrop.conversation import Conversation
 from multidrop.device import Copy, Report
 from multidrop.errors import Error, PortError
 from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import BaseConnection, Service, Target, checked, keeping
+from multidrop.io.line import Timed
 from multidrop.io.turns import Priority
 from multidrop.naming import DeviceName
 from multidrop.points import Point, Reading, Value
 from multidrop.writing import Written
+
+ResultT = TypeVar("ResultT")
 
 
 class AsyncConnection(BaseConnection):
     """A device on an asyncio line. Use it in an `async with`."""
 
     line: AsyncLine
+    _acted = False  # whether what was asked last sent more than reads
+
+    async def carry_out(
+        self, conversation: Conversation[Any, ResultT], priority: Priority = Priority.OPERATOR
+    ) -> Timed[ResultT]:
+        """Any conversation with the device, in its turn."""
+        self._acted = False
+        line = self.line
+        try:
+            watched = self._watched(conversation, line)
+            return await line.timed(watched, priority, self.device.address)
+        finally:
+            self._acted = line.acted
+
+    def _watched(
+        self, conversation: Conversation[Any, ResultT], line: AsyncLine
+    ) -> Conversation[Any, ResultT]:
+        return conversation
 
     async def read(self, point: str | Point, *, priority: Priority = Priority.OPERATOR) -> Reading:
         """Read one point; raises as the blocking one does."""
@@ -34,8 +55,11 @@ class AsyncConnection(BaseConnection):
     ) -> list[Reading]:
         """Read points that the device's `plan` put together; raises as `read` does."""
         conversation = self.device.read_group(group)
-        timed = await self.line.timed(conversation, priority, self.device.address)
-        return self._readings(group, timed, time.monotonic())
+        return self._readings(group, await self.carry_out(conversation, priority), self._now())
+
+    @staticmethod
+    def _now() -> float:
+        return asyncio.get_running_loop().time()
 
     async def write(
         self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
@@ -43,11 +67,10 @@ class AsyncConnection(BaseConnection):
         """Write one point and read it back; raises unless that is confirmed."""
         write = self.prepare(point, value, force=force)
         try:
-            record = await self.line.run(
-                self.device.write(write, verify=verify), Priority.WRITE, self.device.address
-            )
+            conversation = self.device.write(write, verify=verify)
+            record = (await self.carry_out(conversation, Priority.WRITE)).result
         except (asyncio.CancelledError, PortError) as why:
-            if not self.line.acted:
+            if not self._acted:
                 raise
             record = self._broken_off(write, why)
             if isinstance(why, asyncio.CancelledError):
@@ -58,7 +81,7 @@ class AsyncConnection(BaseConnection):
 
     async def status(self) -> Report:
         """What the protocol offers of the device's state."""
-        return await self.line.run(self.device.status(), device=self.device.address)
+        return (await self.carry_out(self.device.status())).result
 
     async def clear_faults(self) -> Report:
         """Clear the fault of a drive; one that is not in fault is left alone."""
@@ -80,20 +103,19 @@ class AsyncConnection(BaseConnection):
         """Carry out a copy between working and saved value, once; what is known of each point."""
         self.audit.check()
         try:
-            records = await self.line.run(
-                keeping(self.device).copy(copy), Priority.WRITE, self.device.address
-            )
+            conversation = keeping(self.device).copy(copy)
+            records = (await self.carry_out(conversation, Priority.WRITE)).result
         except (Error, asyncio.CancelledError) as why:
-            self._copy_failed(copy, why, self.line.acted)
+            self._copy_failed(copy, why, self._acted)
         return self._copied(records)
 
     async def _serve(self, service: Service) -> Report:
         self.audit.check()
         try:
-            report = await self.line.run(service.conversation, Priority.WRITE, self.device.address)
+            report = (await self.carry_out(service.conversation, Priority.WRITE)).result
         except (Error, asyncio.CancelledError) as why:
-            self._failed(service.what, why, self.line.acted)
-        return self._answered(service, report, self.line.acted)
+            self._failed(service.what, why, self._acted)
+        return self._answered(service, report, self._acted)
 
     async def __aenter__(self) -> Self:
         self.line = await opened(self.target.port, self.target.settings, self.target.options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -59,7 +59,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         self.turns = Turns()
         self._transport: asyncio.WriteTransport | None = None
         self._gone = asyncio.Event()
-        self._lost: PortError | None = None
+        self.lost: PortError | None = None  # why nothing can be asked any more
+        self.on_lost: Callable[[], None] | None = None
         self._exchange: Exchange[Any, Any] | None = None
         self._finished: asyncio.Future[None] | None = None
         self._timers: list[asyncio.TimerHandle] = []  # the earliest last
@@ -101,8 +102,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
             if not self.turns.take():
                 await self.turns.wait(priority, device)
             try:
-                if self._lost is not None:
-                    raise self._lost
+                if self.lost is not None:
+                    raise self.lost
                 self._exchange = exchange
                 self._finished = self._loop.create_future()
                 self._send(exchange, exchange.start(self._now()))
@@ -146,10 +147,12 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
 
     def _break(self, why: str) -> None:
         """The port was lost: whoever waits hears of it, and whoever asks from now on."""
-        if self._lost is None:
-            self._lost = lost(self.name, why)
+        if self.lost is None:
+            self.lost = lost(self.name, why)
+            if self.on_lost is not None:
+                self.on_lost()
         if self._finished is not None and not self._finished.done():
-            self._finished.set_exception(self._lost)
+            self._finished.set_exception(self.lost)
 
     # -- sending and waiting -----------------------------------------------------------------
 
@@ -183,8 +186,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         """Close the port and wait until it is free; whoever waits for an answer gets `PortError`."""
         for timer in self._timers:
             timer.cancel()
-        if self._lost is None:
-            self._lost = PortError(f"{self.name} was closed")
+        if self.lost is None:
+            self.lost = PortError(f"{self.name} was closed")
         if self._transport is not None:
             self._transport.close()
             await self._gone.wait()

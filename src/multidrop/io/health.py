@@ -66,6 +66,7 @@ class Health:
 
     def __init__(self) -> None:
         self._since: dict[str, float] = {}
+        self._asked: dict[str, float] = {}  # of the silent: when they were asked last
         self._just_silent: deque[str] = deque()
         self._ring: deque[str] = deque()
         self._allowances = {
@@ -95,7 +96,7 @@ class Health:
         """A device did not answer. Returns whether it had answered until now."""
         if name in self._since:
             return False
-        self._since[name] = now
+        self._since[name] = self._asked[name] = now
         self._just_silent.append(name)
         return True
 
@@ -118,12 +119,18 @@ class Health:
         if self._just_silent and self._allowances[True].free_at <= now:
             just_silent, name = True, self._just_silent.popleft()
         elif (self._ring or self._just_silent) and self._allowances[False].free_at <= now:
-            just_silent, name = False, (self._ring or self._just_silent).popleft()
+            just_silent, name = False, self._longest_not_asked().popleft()
         else:
             return None
         self._ring.append(name)
+        self._asked[name] = now
         self._allowances[just_silent].take(now, worst)
         return Probe(name, just_silent)
+
+    def _longest_not_asked(self) -> deque[str]:
+        """The queue whose first one waits longest."""
+        queues = [queue for queue in (self._just_silent, self._ring) if queue]
+        return min(queues, key=lambda queue: self._asked[queue[0]])
 
     def probed(self, probe: Probe, seconds: float) -> None:
         """A probe took so long. One that was answered costs nothing: it was as good as a poll."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from heapq import heapify, heapreplace
+from heapq import heapify, heappop, heappush
 from math import floor
 
 from multidrop.device import Device, Sizes
@@ -159,45 +159,44 @@ def _by_turns(polls: Sequence[Poll]) -> list[Poll]:
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """A poll whose time has come. `missed` are its periods that went by unread before this one."""
+    """A poll whose time has come: the period `number`, counted from 0, that began at `at`."""
 
     poll: Poll
     at: float
-    missed: int
+    number: int
+    place: int  # of the poll in its plan
 
 
 class Schedule:
     """What is due when, from `start` on.
 
-    Every poll keeps its grid, start + phase + n periods, however late it is taken: no
-    drift. What was missed is counted, and not made up for. Among those that are due
-    the one goes first that has been due longest, so that on a line that is too full
-    all of them are late and none is forgotten.
+    Every poll keeps its grid, start + phase + n periods, however late it is: no drift.
+    A period is read once, or missed and not made up for. Among those that are due the
+    one goes first that has been due longest, so that on a line that is too full all of
+    them are late and none is forgotten.
     """
 
     def __init__(self, plan: Plan, start: float) -> None:
         self._plan = plan
         self._start = start
-        self._heap = [(start + poll.phase, at, 0) for at, poll in enumerate(plan.polls)]
+        self._heap = [(start + poll.phase, place, 0) for place, poll in enumerate(plan.polls)]
         heapify(self._heap)
 
     @property
     def deadline(self) -> float:
-        """When the next one is due; infinity where nothing is polled."""
+        """When the next one is due; infinity where nothing is, or all of them are under way."""
         return self._heap[0][0] if self._heap else float("inf")
 
     def take(self, now: float) -> Due | None:
-        """The poll that has been due longest; None where none is."""
+        """The poll that has been due longest; None where none is. It is under way until `finish`."""
         if now < self.deadline:
             return None
-        due, at, number = self._heap[0]
-        poll = self._plan.polls[at]
-        missed = max(0, floor((now - due) / poll.every))
-        number += missed + 1
-        if self._when(poll, number) <= now:  # the division was rounded
-            number, missed = number + 1, missed + 1
-        heapreplace(self._heap, (self._when(poll, number), at, number))
-        return Due(poll, due, missed)
+        at, place, number = heappop(self._heap)
+        return Due(self._plan.polls[place], at, number, place)
 
-    def _when(self, poll: Poll, number: int) -> float:
-        return self._start + poll.phase + number * poll.every
+    def finish(self, due: Due, now: float) -> int:
+        """It was carried out. Returns how many of its periods went by in the meantime."""
+        every = due.poll.every
+        number = due.number + max(1, floor((now - due.at) / every))
+        heappush(self._heap, (self._start + due.poll.phase + number * every, due.place, number))
+        return number - due.number - 1
