@@ -31,6 +31,8 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "compare-memory": ("memory", "What was changed and not saved, and what is not the default."),
     "raw": ("services", "Send one command body as is."),
     "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
+    "wireshark": ("wireshark", "The dissector and the extcap for Wireshark, and where they go."),
+    "extcap": ("wireshark", "What Wireshark calls to listen to a line."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }
 EXPLAINED = {  # what somebody may type, and what was meant
