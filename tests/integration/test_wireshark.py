@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from integration.traffic import START_NS, write_traffic
-from integration.tshark import INFO, dissected, tshark_path
+from integration.tshark import INFO, LUA, dissected, tshark, tshark_path
 from multidrop.errors import ProtocolError, UsageError
 from multidrop.io.capture import CaptureWriter
 from multidrop.io.captured import CaptureReader
@@ -385,3 +386,26 @@ def test_bytes_of_no_known_protocol(tmp_path: Path) -> None:
     assert octets(row["multidrop.data"]) == b"AT\r\xff"
     assert row["multidrop.text"] == r"'AT\r\xff'"
     assert row[INFO] == "41 54 0D FF"
+
+
+# -- the page ------------------------------------------------------------------------------------------
+
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "wireshark.md"
+
+
+def fields_of_the_page() -> set[str]:
+    """`a.b`, `.c` of a row are a.b and a.c; PROTOCOL stands for all three."""
+    found = set()
+    for row in re.findall(r"^\| (`[\w.]+`(?:, `[\w.]+`)*) \|", PAGE.read_text("utf-8"), re.M):
+        first, *others = re.findall(r"`([\w.]+)`", row)
+        above = first.rpartition(".")[0]
+        for name in (first, *(f"{above}{other}" if other[0] == "." else other for other in others)):
+            found |= {name.replace("PROTOCOL", protocol) for protocol in FIELDS}
+    return found
+
+
+def test_the_page_names_every_field_and_no_other(tmp_path: Path) -> None:
+    out = tshark("-G", "fields", "-X", f"lua_script:{LUA}", home=tmp_path)
+    names = {line.split("\t")[2] for line in out.splitlines() if line.startswith("F\t")}
+    registered = {name for name in names if name.partition(".")[0] in FIELDS}
+    assert fields_of_the_page() == registered

@@ -278,7 +278,6 @@ local function common_experts(name)
       checksum = ProtoExpert.new(name .. ".expert.checksum", "Wrong checksum", expert.group.CHECKSUM, expert.severity.ERROR),
       cut_short = ProtoExpert.new(name .. ".expert.cut_short", "Cut short", expert.group.MALFORMED, expert.severity.ERROR),
       damage = ProtoExpert.new(name .. ".expert.damage", "Bytes of no frame", expert.group.MALFORMED, expert.severity.ERROR),
-      refused = ProtoExpert.new(name .. ".expert.refused", "Refused", expert.group.RESPONSE_CODE, expert.severity.NOTE),
       no_response = ProtoExpert.new(name .. ".expert.no_response", "No response", expert.group.SEQUENCE, expert.severity.NOTE),
       no_request = ProtoExpert.new(name .. ".expert.no_request", "Answers nothing that was asked",
          expert.group.SEQUENCE, expert.severity.NOTE),
@@ -286,6 +285,10 @@ local function common_experts(name)
 end
 
 local SENT, HEARD, UNKNOWN = 0, 1, -1 -- pinfo.p2p_dir; sent by whoever made the capture
+local function refused_expert(name)
+   return ProtoExpert.new(name .. ".expert.refused", "Refused", expert.group.RESPONSE_CODE, expert.severity.NOTE)
+end
+
 local LATE = 1.5 -- s; an answer that comes later answers nobody
 
 -- Who asked, who answered. Filled in on the first pass, in the order of the packets.
@@ -451,6 +454,7 @@ end
 local slink3 = { title = "SLINK3", character = 11 / 9600 }
 slink3.proto = Proto("slink3", "SLINK3")
 slink3.e = common_experts("slink3")
+slink3.e.refused = refused_expert("slink3")
 slink3.e.fault = ProtoExpert.new("slink3.expert.fault", "The slave is in fault", expert.group.RESPONSE_CODE, expert.severity.WARN)
 slink3.f = common_fields("slink3", {
    start = ProtoField.uint8("slink3.start", "START", base.HEX),
@@ -924,6 +928,7 @@ register(datalink, wtap.USER1)
 local ultra3000 = { title = "Ultra3000", character = 10 / 38400 }
 ultra3000.proto = Proto("ultra3000", "Ultra3000 host commands")
 ultra3000.e = common_experts("ultra3000")
+ultra3000.e.refused = refused_expert("ultra3000")
 ultra3000.f = common_fields("ultra3000", {
    address = ProtoField.uint8("ultra3000.address", "Address", base.DEC),
    parameter = ProtoField.uint16("ultra3000.parameter", "Parameter", base.HEX),
