@@ -216,8 +216,11 @@ def test_slink3_questions_and_answers_find_each_other(tmp_path: Path) -> None:
         (2020, None, slink3.Frame(2, 4, 1, 0, bytes.fromhex("03 2D 20 07 00")).encode()),
         (2050, None, slink3.Frame(2, 4, 1, 1).encode()),
         (2100, None, slink3.Frame(255, 0, 0, 0x20).encode()),
+        (2200, None, slink3.Frame(2, 8, 0, 0x26, bytes.fromhex("83 2C 20 01")).encode()),
+        (2220, None, slink3.Frame(2, 8, 1, 0, bytes.fromhex("83 2C 20 02 07 00")).encode()),
+        (2250, None, slink3.Frame(2, 8, 1, 0, bytes.fromhex("83 2C 20 01 07 00")).encode()),
     )
-    expected = [">2", "<1", "-", ">5", "<4", "?", ">9", "?", "<7", "-"]
+    expected = [">2", "<1", "-", ">5", "<4", "?", ">9", "?", "<7", "-", ">13", "?", "<11"]
     assert pairs(path, "slink3", tmp_path) == expected
 
 
@@ -254,8 +257,11 @@ def test_an_echo_is_no_question_and_no_answer(tmp_path: Path) -> None:
         (200, True, read),
         (210, False, read),  # no answer looks like this
         (220, False, ultra3000.Frame(0, 0x00, 0, "01").encode()),
+        (300, True, action),
+        (310, False, action),  # by now the line is known to hear itself
+        (330, False, action),
     )
-    expected = [">3", "=1", "<1", ">5", "<4", ">8", "=6", "<6"]
+    expected = [">3", "=1", "<1", ">5", "<4", ">8", "=6", "<6", ">11", "=9", "<9"]
     assert pairs(path, "ultra3000", tmp_path) == expected
 
 
