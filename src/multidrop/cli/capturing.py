@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import click
 
+from multidrop.errors import UsageError
 from multidrop.io.capture import CaptureTap, CaptureWriter, Known
 from multidrop.io.connection import Target
+from multidrop.io.line import Line
 from multidrop.plantfile import PlantDevice
 
-if TYPE_CHECKING:
-    from multidrop.io.async_line import AsyncLine
-    from multidrop.io.line import Line
 
-
-def capture_line(
-    line: Line | AsyncLine, target: Target, path: str, others: Sequence[PlantDevice]
-) -> None:
-    """Record what passes on a line until the command ends. Raises `UsageError`."""
-    writer = CaptureWriter.create(path)
+def capture_line(line: Line, target: Target, path: str, others: Sequence[PlantDevice]) -> None:
+    """Record what passes on a line until the command ends. Raises `UsageError`, the line closed."""
+    try:
+        writer = CaptureWriter.create(path)
+    except UsageError:
+        line.close()
+        raise
     tap = CaptureTap(
         writer, target.protocol, target.settings, target.port, known_devices(target, others)
     )

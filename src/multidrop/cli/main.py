@@ -33,6 +33,8 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
     "wireshark": ("wireshark", "The dissector and the extcap for Wireshark, and where they go."),
     "extcap": ("wireshark", "What Wireshark calls to listen to a line."),
+    "sniff": ("sniff", "Listen to a line that others speak on, decoded and recorded."),
+    "decode": ("decode", "Decode a capture into transactions."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }
 EXPLAINED = {  # what somebody may type, and what was meant

@@ -20,7 +20,6 @@ from multidrop.io.line import Line
 from multidrop.naming import LINE_KEYS, parse_device
 
 if TYPE_CHECKING:
-    from multidrop.io.async_line import AsyncLine
     from multidrop.plantfile import Plant, PlantDevice
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
@@ -85,7 +84,7 @@ class Common:
         self.watch(connection.line, target)
         return connection
 
-    def watch(self, line: Line | AsyncLine, target: Target) -> None:
+    def watch(self, line: Line, target: Target) -> None:
         """Put a trace and a capture on a line if those were asked for. Raises `UsageError`."""
         if self.trace:
             from multidrop.cli.trace import Trace

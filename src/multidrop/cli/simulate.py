@@ -21,7 +21,7 @@ from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import LATE, RandomFaults, parse_fault
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
-from multidrop.sim.serve import serve
+from multidrop.sim.serve import serve, serve_ears
 
 
 @click.command(
@@ -30,6 +30,9 @@ from multidrop.sim.serve import serve
 )
 @click.argument("devices", nargs=-1, required=True, metavar="PLANT.toml | PROFILE:ADDRESS...")
 @click.option("--listen", metavar="WHERE", help="tcp://127.0.0.1:4001 or pty[:LINK]")
+@click.option(
+    "--tap", metavar="WHERE", help="where others may listen to the line: tcp://... or pty[:LINK]"
+)
 @click.option("--pace", is_flag=True, help="every byte takes its time on the line")
 @click.option("--baud", type=int, metavar="RATE", help="baud rate of --pace")
 @click.option(
@@ -46,6 +49,7 @@ from multidrop.sim.serve import serve
 def simulate(
     devices: tuple[str, ...],
     listen: str | None,
+    tap: str | None,
     pace: bool,
     baud: int | None,
     burst: float,
@@ -81,7 +85,9 @@ def simulate(
         line.simulated.pace = Pace(character, burst / 1000, delay / 1000)
         line.simulated.faults = LineFaults(RandomFaults(rates, seed), late, echo)
         served.append((where, line.simulated))
-    asyncio.run(_serve(served))
+    if tap is not None and len(served) > 1:
+        raise UsageError("--tap is for one line; this plant file has several")
+    asyncio.run(_serve(served, tap))
 
 
 class _Planned:
@@ -140,7 +146,7 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
     return lines
 
 
-async def _serve(lines: list[tuple[str, SimulatedLine]]) -> None:
+async def _serve(lines: list[tuple[str, SimulatedLine]], tap: str | None = None) -> None:
     """Serve until Ctrl-C or SIGTERM; links to pseudo-terminals are removed then."""
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
@@ -151,6 +157,9 @@ async def _serve(lines: list[tuple[str, SimulatedLine]]) -> None:
         for where, line in lines:
             listeners.append(await serve(line, where, spin=bool(line.pace.character)))
             click.echo(f"listening on {listeners[-1].port}")
+            if tap is not None:
+                listeners.append(await serve_ears(line, tap))
+                click.echo(f"listen to it at {listeners[-1].port}")
         await ended.wait()
     finally:
         for listener in listeners:

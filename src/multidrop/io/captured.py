@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import NamedTuple
 
@@ -124,6 +126,37 @@ class CaptureReader:
             ticks = high << 32 | low
             time_ns = _nanoseconds(ticks, interfaces[number]) if self._other_clocks else ticks
             yield _new(Packet, (body[20 : 20 + size], time_ns, flags, comment, number))
+
+    def copy(self) -> CaptureReader:
+        """One that knows the same interfaces, for a reader of a part elsewhere."""
+        other = copy(self)
+        other.interfaces = self.interfaces.copy()
+        return other
+
+    def skip(self, start: int, target: int) -> tuple[int, int]:
+        """The first block at or behind `target`, and how many packets are between; learns interfaces.
+
+        The end of the file where that comes first, or something that is broken.
+        """
+        at, packets, size = start, 0, self.size
+        with open(self.path, "rb") as file, mmap(file.fileno(), size, access=ACCESS_READ) as data:
+            lengths = struct.Struct(f"{self._order}II").unpack_from
+            while at < target:
+                if size - at < _LEAST_BLOCK:
+                    return size, packets
+                kind, length = lengths(data, at)
+                if kind == pcapng.SECTION:
+                    self._order = _byte_order(data[at + 8 : at + 12])
+                    lengths = struct.Struct(f"{self._order}II").unpack_from
+                    kind, length = lengths(data, at)
+                if not _LEAST_BLOCK <= length <= size - at:
+                    return size, packets
+                if kind == pcapng.PACKET:
+                    packets += 1
+                else:
+                    self._describe(kind, data[at + 8 : at + length - 4])
+                at += length
+        return at, packets
 
     def _structs(self) -> tuple[Callable[..., tuple[int, ...]], Callable[..., tuple[int, ...]]]:
         order = self._order

@@ -90,6 +90,7 @@ class SimulatedLine:
         self._living = [device for device in self.devices if isinstance(device, Living)]
         self.tick_at = 0.0 if self._living else FOREVER  # when something happens by itself
         self.free_at = 0.0  # when the last byte on its way has passed
+        self.ears: list[Callable[[bytes, float], None]] = []  # told of bytes, and when they passed
         self._decoder = decoder
 
     def tick(self, now: float) -> None:
@@ -116,6 +117,8 @@ class Connection:
         line = self._line
         start = max(now, line.free_at)
         end = line.free_at = start + len(data) * line.pace.character
+        for ear in line.ears:
+            ear(data, end)
         if line.faults.echo:
             self._queue(data, start)
         self._answer(self._decoder.receive_data(data), end)
@@ -138,7 +141,10 @@ class Connection:
         out = []
         while waiting and waiting[0][0] <= now:
             out.append(waiting.popleft()[1])
-        return b"".join(out)
+        sent = b"".join(out)
+        for ear in self._line.ears:
+            ear(sent, now)
+        return sent
 
     def _answer(self, events: list[FrameReceived[Any] | Damaged], now: float) -> None:
         if not events:

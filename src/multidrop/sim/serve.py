@@ -52,9 +52,40 @@ class _End:
         self._timer = self._loop.call_at(deadline - early, self._pump)
 
 
+class _Ear:
+    """Hears everything that passes on a simulated line; what it is told is lost."""
+
+    def __init__(self, line: SimulatedLine, write: Callable[[bytes], object]) -> None:
+        self._line = line
+        self._write = write
+        self._loop = asyncio.get_running_loop()
+        self._open = True
+        line.ears.append(self._hear)
+
+    def receive(self, data: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        self._open = False
+        self._line.ears.remove(self._hear)
+
+    def _hear(self, data: bytes, passed_at: float) -> None:
+        """What still takes its time is heard when it has passed, not before."""
+        self._loop.call_at(passed_at, self._tell, data)
+
+    def _tell(self, data: bytes) -> None:
+        if self._open:
+            self._write(data)
+
+
 async def serve(line: SimulatedLine, where: str, *, spin: bool = False) -> Listener:
     """Serve a line at `tcp://HOST:PORT` (port 0: any free one) or `pty[:LINK]`.
 
     Raises `UsageError` for another address, `PortError` where it cannot listen.
     """
     return await listen(where, lambda caller: _End(line, caller.write, spin))
+
+
+async def serve_ears(line: SimulatedLine, where: str) -> Listener:
+    """Serve those who only listen to a line: every byte that passes, both ways. As `serve`."""
+    return await listen(where, lambda caller: _Ear(line, caller.write))

@@ -1,0 +1,184 @@
+"""`multidrop sniff`."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+
+import click
+
+from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli.listening import (
+    Company,
+    company,
+    filter_of,
+    find_plant,
+    listening_options,
+    protocol_name,
+    style_of,
+)
+from multidrop.device import ProtocolModule
+from multidrop.errors import UsageError
+from multidrop.io.capture import CaptureWriter
+from multidrop.io.connection import line_settings
+from multidrop.io.ports import PortSetup, open_port
+from multidrop.naming import LINE_KEYS, LineOptions
+from multidrop.profile import Profile
+from multidrop.protocols import PROTOCOLS
+from multidrop.timing import LineSettings
+from multidrop.tools.listened import Listened
+from multidrop.tools.records import STYLES, Shown
+from multidrop.tools.sniff import Heard, Sniffer
+from multidrop.tools.tally import Tally
+
+
+@click.command(
+    epilog="Example: multidrop sniff /dev/ttyUSB0 --device-profile 0=flexmax -o line.pcapng"
+)
+@click.argument("port", metavar="PORT[,key=value]...")
+@click.option("-o", "output", metavar="FILE", help="write a capture, pcapng for Wireshark")
+@click.option("--seconds", type=click.FloatRange(0.0), metavar="S", help="end after so long")
+@click.option("--quiet", "-q", is_flag=True, help="only the summary")
+@click.option("--baud", metavar="X", help=LINE_KEYS["baud"])
+@click.option("--format", metavar="X", help=LINE_KEYS["format"])
+@click.option("--silence", metavar="X", help=LINE_KEYS["silence"])
+@click.option("--stuffing", metavar="X", help="on or off: byte stuffing (datalink)")
+@listening_options
+def sniff(
+    port: str,
+    output: str | None,
+    seconds: float | None,
+    quiet: bool,
+    json: bool,
+    csv: bool,
+    protocol: str | None,
+    device_profiles: tuple[str, ...],
+    device: tuple[str, ...],
+    point: tuple[str, ...],
+    kind: tuple[str, ...],
+    config: str | None,
+    **keys: str | None,
+) -> None:
+    """Listen to the line at PORT, and never send a byte, until Ctrl-C.
+
+    The protocol is told by what is heard, unless it is given or follows from the
+    devices. Without --baud and --format a line has what its protocol has, and
+    9600 8E1 while that is not known.
+    """
+    style = STYLES[style_of(json, csv)]
+    wanted = filter_of(device, point, kind)
+    name, *pairs = port.split(",")
+    plant = find_plant(config)
+    name = plant.lines.get(name, name) if plant is not None else name
+    found = company(plant, name, device_profiles)
+    given = {**found.keys, **_pairs(pairs), **{k: v for k, v in keys.items() if v is not None}}
+    line = _Line(name, found, given, protocol_name(protocol) or found.protocol())
+    opened = open_port(name, PortSetup(line.settings, line.options))
+    with contextlib.ExitStack() as stack:
+        stack.callback(opened.close)
+        writer = None
+        if output is not None:
+            writer = CaptureWriter.create(output)
+            stack.callback(warn_if_incomplete, writer, output)
+            stack.callback(writer.close)
+        sniffer = Sniffer(
+            *(opened, name, line.settings, line.protocol, line.listened),
+            writer=writer,
+            garbage=lambda count: _garbage(count, line.settings),
+        )
+        _listen(sniffer, None if quiet else style(wanted, sniffer.wall), seconds)
+
+
+class _Line:
+    """The line of a port: its settings before and after its protocol is known."""
+
+    def __init__(
+        self, port: str, found: Company, given: Mapping[str, str], protocol: str | None
+    ) -> None:
+        self._port = port
+        self._found = found
+        self.protocol = PROTOCOLS[protocol] if protocol is not None else None
+        own = {key for each in PROTOCOLS.values() for key in each.options}
+        self.options = replace(
+            LineOptions.parse(given, dict.fromkeys(own, "")), rts="leave", dtr="leave"
+        )
+        self.settings = self._settings(self.protocol or next(iter(PROTOCOLS.values())))
+
+    def listened(self, protocol: ProtocolModule) -> Listened:
+        """The line, once its protocol is known; it goes on at the settings that it was opened with."""
+        settings = self._settings(protocol).with_options(
+            baud=self.settings.baud, format=self.settings.format
+        )
+        found = self._found
+        return Listened(self._port, protocol, settings, found.profiles, found.names)
+
+    def _settings(self, protocol: ProtocolModule) -> LineSettings:
+        profile = next(iter(self._found.profiles.values()), None)
+        if profile is None or profile.protocol != protocol.name:
+            profile = Profile(protocol.name, protocol.name)
+        return line_settings(protocol, profile, self.options)
+
+
+def _pairs(pairs: list[str]) -> dict[str, str]:
+    found = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not value:
+            raise UsageError(f"{pair!r} is not key=value")
+        found[key.strip()] = value.strip()
+    return found
+
+
+def _listen(sniffer: Sniffer, show: Shown | None, seconds: float | None) -> None:
+    """Show what is heard until the time is over, Ctrl-C, or the port is lost; then the summary."""
+    tally = Tally()
+    started = time.monotonic()
+    told = sniffer.line is not None
+
+    def take(heard: list[Heard]) -> None:
+        for line, found in heard:
+            tally.count(found, line)
+            if show is not None:
+                sys.stdout.write(show(found, line))
+        if heard:
+            sys.stdout.flush()
+
+    if show is not None:
+        sys.stdout.write(show.HEAD)
+    try:
+        for heard in sniffer.run():
+            if not told and sniffer.line is not None:
+                told = True
+                click.echo(f"the line speaks {sniffer.line.protocol.name}", err=True)
+            take(heard)
+            if seconds is not None and time.monotonic() - started >= seconds:
+                break
+    finally:
+        take(sniffer.finish())
+        _summary(sniffer, tally, time.monotonic() - started)
+
+
+def _summary(sniffer: Sniffer, tally: Tally, seconds: float) -> None:
+    if sniffer.heard and sniffer.line is None:
+        click.echo(
+            f"{seconds:.1f} s: {sniffer.heard:,} bytes, and no frame of any protocol in them",
+            err=True,
+        )
+        return
+    if not sniffer.heard:
+        click.echo(f"{seconds:.1f} s: not one byte", err=True)
+        return
+    for text in tally.lines(seconds):
+        click.echo(text, err=True)
+
+
+def _garbage(count: int, settings: LineSettings) -> None:
+    click.secho(
+        f"{count:,} bytes and no whole frame in them: is the line really at {settings.baud} {settings.format}? "
+        "Try --baud and --format; A and B may be swapped",
+        err=True,
+        fg="yellow",
+    )
