@@ -16,6 +16,7 @@ from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
 from multidrop.device import Report
 from multidrop.exchange import Exchange, Session
+from multidrop.io.parity import ParityMarks
 from multidrop.naming import LineOptions
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile
@@ -69,13 +70,13 @@ class Script:
         self._passed(now + len(data) * self._character)
 
     def send(self, now: float) -> bytes:
-        """What the line delivers at `now`: one `<` line, or nothing."""
+        """What a port that marks parity errors delivers at `now`: one `<` line, or nothing."""
         if now < self.deadline:
             return b""
         line = self._lines.pop(0)
         assert isinstance(line, Delivers)
         self._passed(now)
-        return line.raw
+        return line.marked
 
     def finish(self, now: float) -> None:
         """The conversation ended at `now`."""
@@ -117,8 +118,8 @@ class Stage(Protocol):
         """Nobody asks for so long."""
         ...
 
-    def stray(self, raw: bytes) -> None:
-        """Bytes arrive while nobody asks."""
+    def stray(self, marked: bytes) -> None:
+        """Bytes arrive while nobody asks, with the port's marks."""
         ...
 
 
@@ -127,6 +128,7 @@ class ExchangeStage:
 
     def __init__(self, settings: LineSettings, options: LineOptions) -> None:
         self.now = 1000.0
+        self._marks = ParityMarks()
         self.session: Session[Any] = Session(
             settings.decoder(), settings.timing(network=False), echo=options.hears_itself
         )
@@ -142,15 +144,24 @@ class ExchangeStage:
             if exchange.done:
                 break
             self.now = max(self.now, min(exchange.deadline, script.deadline))
-            to_send = exchange.advance(script.send(self.now), self.now)
+            to_send = self._advance(exchange, script.send(self.now))
         script.finish(self.now)
         return exchange.result()
+
+    def _advance(self, exchange: Exchange[Any, Any], marked: bytes) -> bytes:
+        if not marked:
+            return exchange.advance(b"", self.now)
+        return b"".join(
+            exchange.advance(piece, self.now, damaged=damaged)
+            for piece, damaged in self._marks.split(marked)
+        )
 
     def idle(self, seconds: float) -> None:
         self.now += seconds
 
-    def stray(self, raw: bytes) -> None:
-        self.session.drain(raw, self.now)
+    def stray(self, marked: bytes) -> None:
+        for piece, damaged in self._marks.split(marked):
+            self.session.drain(piece, self.now, damaged=damaged)
 
 
 class Played:
@@ -227,7 +238,8 @@ def play(
             if isinstance(line, Passes):
                 stage.idle(line.least)
             else:
-                stage.stray(line.raw)
+                assert isinstance(line, Delivers)
+                stage.stray(line.marked)
         script = Script(scene.lines, played.settings.character, tolerance)
         try:
             result = stage.run(played.conversation(scene.run), script)

@@ -92,6 +92,8 @@ def test_an_error_with_another_message() -> None:
         ("run: status_word\n", "", "is not device:, options: or point:"),
         ("device:", "devise:", "is not device:, options: or point:"),
         ("> 01 01", "> 01 0", "is not hex bytes"),
+        ("> 01 01", "> 01 !01", "a master sends no parity errors"),
+        ("< 01 01", "< 01 !0", "is not hex bytes"),
         ("~ 20", "~ soon", "is not a time in ms"),
         ("~ 20", "% 20", "begins with none of"),
         ("= word: 567\n", "", "the last run: has no = and no !"),
@@ -104,6 +106,13 @@ def test_text_that_is_no_dialogue(wrong: str, right: str, message: str) -> None:
     assert wrong in GOOD
     with pytest.raises(BadDialogue, match=re.escape(message)):
         played_well(GOOD.replace(wrong, right))
+
+
+def test_a_parity_error_spoils_a_frame() -> None:
+    spoilt = GOOD.replace("device:", "options: attempts=1\ndevice:").replace("< 01 01", "< 01 !01")
+    spoilt = spoilt.replace("= word", "~ 1400..1600\n= word")
+    with pytest.raises(AssertionError, match=r"a\.txt:9: .* NoReply: .*damaged bytes came: 01 \|"):
+        played_well(spoilt)
 
 
 def test_what_a_dialogue_takes() -> None:

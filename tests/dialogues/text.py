@@ -23,10 +23,20 @@ class Sends:
 
 @dataclass(frozen=True)
 class Delivers:
-    """`< bytes`: the line delivers these, all at once."""
+    """`< bytes`: the line delivers these, all at once; `!37` is a 37h with a parity error."""
 
     where: str
     raw: bytes
+    wrong: frozenset[int] = frozenset()  # positions of the bytes with a parity error
+
+    @property
+    def marked(self) -> bytes:
+        """The bytes as a port delivers them that marks parity errors: FFh 00h before a wrong one."""
+        marked = b""
+        for at, byte in enumerate(self.raw):
+            front = b"\xff\x00" if at in self.wrong else b"\xff" if byte == 0xFF else b""
+            marked += front + bytes((byte,))
+        return marked
 
 
 @dataclass(frozen=True)
@@ -188,11 +198,7 @@ def _scenes(lines: Numbered) -> list[Scene]:
 def _item(where: str, line: str) -> Line | Returns | Fails:
     mark, text = line[0], line[1:].strip()
     if mark in "<>":
-        try:
-            raw = bytes.fromhex(text)
-        except ValueError:
-            raise BadDialogue(f"{where}: {text!r} is not hex bytes") from None
-        return Sends(where, raw) if mark == ">" else Delivers(where, raw)
+        return _bytes(where, mark, text)
     if mark == "~":
         found = re.fullmatch(r"([\d.]+?)(?:\.\.([\d.]+))?", text)
         if found is None:
@@ -205,3 +211,22 @@ def _item(where: str, line: str) -> Line | Returns | Fails:
         error, _, part = text.partition(" ")
         return Fails(where, error, part.strip())
     raise BadDialogue(f"{where}: {line!r} begins with none of < > ~ = ! run:")
+
+
+def _bytes(where: str, mark: str, text: str) -> Sends | Delivers:
+    words = text.split()
+    wrong = frozenset(at for at, word in enumerate(words) if word.startswith("!"))
+    try:
+        raw = bytes(_byte(word.removeprefix("!")) for word in words)
+    except ValueError:
+        raise BadDialogue(f"{where}: {text!r} is not hex bytes") from None
+    if mark == "<":
+        return Delivers(where, raw, wrong)
+    if wrong:
+        raise BadDialogue(f"{where}: a master sends no parity errors")
+    return Sends(where, raw)
+
+
+def _byte(word: str) -> int:
+    (byte,) = bytes.fromhex(word)
+    return byte

@@ -13,6 +13,7 @@ from multidrop.conversation import Conversation
 from multidrop.io.async_line import AsyncLine
 from multidrop.io.line import Line
 from multidrop.io.memory import FOREVER, MemoryPort
+from multidrop.io.parity import ParityMarks
 
 
 class ScriptedPeer:
@@ -42,7 +43,7 @@ class BlockingStage:
 
     def __init__(self, played: Played) -> None:
         self._peer = ScriptedPeer()
-        self._port = MemoryPort(self._peer)
+        self._port = MemoryPort(self._peer, marks=True)
         self._line = Line(self._port, played.settings, played.options)
 
     def run(self, conversation: Conversation[Any, Any], script: Script) -> Any:
@@ -57,8 +58,8 @@ class BlockingStage:
     def idle(self, seconds: float) -> None:
         assert self._port.read(seconds) == b""
 
-    def stray(self, raw: bytes) -> None:
-        self._peer.strays += raw
+    def stray(self, marked: bytes) -> None:
+        self._peer.strays += marked
 
 
 class AsyncStage:
@@ -71,6 +72,7 @@ class AsyncStage:
 
     async def _made(self, played: Played) -> AsyncLine:
         line = AsyncLine(played.settings, played.options, network=False)
+        line.marks = ParityMarks()
         self._wire = WireTransport(self._peer, line)
         return line
 
@@ -90,8 +92,8 @@ class AsyncStage:
     def idle(self, seconds: float) -> None:
         self._loop.pass_time(seconds)
 
-    def stray(self, raw: bytes) -> None:
-        self._line.data_received(raw)
+    def stray(self, marked: bytes) -> None:
+        self._line.data_received(marked)
 
 
 @pytest.fixture
