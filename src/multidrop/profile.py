@@ -34,6 +34,8 @@ class Profile:
     bases: dict[str, int] = field(default_factory=dict)
     """Datalink: type of points -> memory address of the first, where the map does not say."""
     notes: str = ""
+    version: str = ""
+    """Of the profile itself: raised when a point changes its meaning."""
     points: dict[str, PointDescription] = field(default_factory=dict)
 
     @classmethod

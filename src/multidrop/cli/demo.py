@@ -14,11 +14,11 @@ from shutil import which
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.cli.reading import in_order
 from multidrop.errors import Error, PortError
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line
 from multidrop.io.ports import tcp_address
+from multidrop.io.readings import in_order
 from multidrop.naming import DeviceName
 from multidrop.sim.plant import SHOWN, DemoPlant, Shown
 from multidrop.sim.serve import serve

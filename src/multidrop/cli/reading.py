@@ -12,10 +12,10 @@ import click
 
 from multidrop.cli.failures import exit_status, failure, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.device import Device, ReadsAll
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
+from multidrop.io.readings import in_order, readable
 from multidrop.points import Point, Reading, shown_value
 
 ItemT = TypeVar("ItemT")
@@ -87,17 +87,6 @@ def read_all(connection: Connection, points: Sequence[Point], as_json: bool, dev
     return status
 
 
-def readable(device: Device) -> Sequence[Point]:
-    """Every readable point of a device's profile."""
-    if isinstance(device, ReadsAll):
-        return device.readable()
-    described = device.profile.points.values()
-    found = [device.point(item.name) for item in described if "r" in item.access]
-    if not found:
-        raise UsageError(f"{device.profile.name} has no points; name them by their numbers")
-    return found
-
-
 def with_progress(items: Iterator[ItemT], count: int) -> Iterator[ItemT]:
     """The same items, with a progress bar on standard error where that is long and a terminal."""
     if count < LONG or not sys.stderr.isatty() or sys.stdout.isatty():
@@ -105,22 +94,6 @@ def with_progress(items: Iterator[ItemT], count: int) -> Iterator[ItemT]:
         return
     with click.progressbar(items, length=count, label="reading", file=sys.stderr) as bar:
         yield from bar
-
-
-def in_order(
-    connection: Connection, points: Sequence[Point]
-) -> Iterator[tuple[Point, Reading | Error]]:
-    """Each point with its reading or what went wrong, in the order given, each group read once."""
-    group_of = {point: group for group in connection.device.plan(points) for point in group}
-    known: dict[Point, Reading | Error] = {}
-    for point in points:
-        if point not in known:
-            group = group_of[point]
-            try:
-                known.update(zip(group, connection.read_group(group), strict=True))
-            except Error as error:
-                known.update(dict.fromkeys(group, error))
-        yield point, known[point]
 
 
 def _failed(device: str, point: Point, error: Error) -> str:

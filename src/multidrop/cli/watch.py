@@ -8,9 +8,10 @@ import click
 
 from multidrop.cli.live import LiveTable, Row
 from multidrop.cli.options import Common, common
-from multidrop.cli.reading import LOST, in_order, read_all
+from multidrop.cli.reading import LOST, read_all
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection
+from multidrop.io.readings import in_order
 from multidrop.points import Point
 
 

@@ -1,0 +1,125 @@
+"""`multidrop backup`, `multidrop diff`."""
+
+from __future__ import annotations
+
+import json as json_module
+import sys
+from pathlib import Path
+
+import click
+
+from multidrop.cli.options import Common, common
+from multidrop.io.audit import jsonable
+from multidrop.points import shown_value
+from multidrop.tools.backup import Backup, load, save
+from multidrop.tools.backup import backup as back_up
+from multidrop.tools.difference import Difference, differences
+from multidrop.tools.passport import Entry, Passport, Unread
+
+
+@click.command(epilog="Example: multidrop backup ultra3000:0@/dev/ttyUSB0 -o infeed.passport.toml")
+@click.argument("device")
+@click.option("-o", "--output", required=True, metavar="FILE", help="the passport")
+@common(force="replace a file that is no passport")
+def backup(common: Common, device: str, output: str) -> int:
+    """Read every readable point of DEVICE into a passport, a text file."""
+    path = Path(output)
+    _check_place(path, common.force)
+    with common.connect(common.target(device)) as connection:
+        run = Backup.of(connection)
+        with click.progressbar(
+            run.run(),
+            length=len(run.points),
+            label="reading",
+            file=sys.stderr,
+            hidden=not sys.stderr.isatty(),
+        ) as bar:
+            for _ in bar:
+                pass
+        made = run.passport()
+    save(made, path)
+    for unread in () if common.json else made.unreadable.values():
+        click.echo(f"not read: {_label(unread)}: {unread.reason}", err=True)
+    _report(made, path, as_json=common.json)
+    return 0
+
+
+def _check_place(path: Path, force: bool) -> None:
+    """Before a byte is sent: is there a folder, and nothing there that a passport must not replace?"""
+    from multidrop.errors import UsageError
+
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder")
+    if path.exists() and not force:
+        load(path, damaged=True)
+
+
+def _report(made: Passport, path: Path, *, as_json: bool) -> None:
+    if as_json:
+        line = {"v": 1, "device": made.device, "file": str(path), "points": len(made.points)}
+        click.echo(
+            json_module.dumps({**line, "unreadable": len(made.unreadable)}, ensure_ascii=False)
+        )
+    else:
+        missing = f", {len(made.unreadable)} could not be read" if made.unreadable else ""
+        click.echo(f"{path}: {len(made.points)} points of {made.device}{missing}")
+
+
+@click.command(
+    epilog="Example: multidrop diff infeed.passport.toml ultra3000:0@/dev/ttyUSB0. "
+    "Exit status 0: the same, 1: different."
+)
+@click.argument("before", metavar="A")
+@click.argument("after", metavar="B")
+@click.option("--all", "everything", is_flag=True, help="compare setpoints and commands too")
+@common(force="compare a passport whose checksum is wrong")
+def diff(common: Common, before: str, after: str, everything: bool) -> int:
+    """Compare two passports, or a passport and a device: A and B are files or devices."""
+    found = list(differences(_side(common, before), _side(common, after), everything=everything))
+    for item in found:
+        click.echo(_as_line(item) if common.json else _as_text(item))
+    return 1 if found else 0
+
+
+def _side(common: Common, text: str) -> Passport:
+    path = Path(text)
+    if "@" not in text and (path.is_file() or path.suffix):
+        return load(path, damaged=common.force)
+    with common.connect(common.target(text)) as connection:
+        return back_up(connection)
+
+
+def _as_text(item: Difference) -> str:
+    label = f"{item.name} ({item.point})" if item.name else item.point
+    return f"{label:<32} {shown(item.before)} -> {shown(item.after)}"
+
+
+def shown(side: Entry | Unread | None) -> str:
+    """A side of a difference for a person."""
+    if side is None:
+        return "(not in it)"
+    if isinstance(side, Unread):
+        return f"(not readable: {side.reason})"
+    return shown_value(side.value) + (f" {side.unit}" if side.unit else "")
+
+
+def _as_line(item: Difference) -> str:
+    def value(side: Entry | Unread | None) -> object:
+        return jsonable(side.value) if isinstance(side, Entry) else None
+
+    known = item.before if isinstance(item.before, Entry) else item.after
+    line = {
+        "v": 1,
+        "point": item.point,
+        "name": item.name,
+        "before": value(item.before),
+        "after": value(item.after),
+        "unit": known.unit if isinstance(known, Entry) else None,
+    }
+    return json_module.dumps(line, ensure_ascii=False)
+
+
+def _label(item: Unread) -> str:
+    return f"{item.name} ({item.point})" if item.name else item.point

@@ -1,0 +1,169 @@
+"""`multidrop restore`: first the plan, then a verdict for each point."""
+
+from __future__ import annotations
+
+import json as json_module
+from collections import Counter
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.options import Common, common
+from multidrop.cli.passports import shown
+from multidrop.device import KeepsMemory
+from multidrop.errors import UsageError
+from multidrop.io.audit import jsonable
+from multidrop.io.connection import keeping
+from multidrop.points import Role
+from multidrop.tools.backup import load, save
+from multidrop.tools.passport import Entry
+from multidrop.tools.restore import (
+    ON_REQUEST,
+    Action,
+    Plan,
+    Restored,
+    Step,
+    Verdict,
+    carry_out,
+    plan,
+    undo,
+)
+
+
+@click.command(
+    epilog="Example: multidrop restore infeed.passport.toml ultra3000:0@/dev/ttyUSB0 --dry-run. "
+    "What is never restored: measured points and commands."
+)
+@click.argument("file")
+@click.argument("device")
+@click.option("--dry-run", is_flag=True, help="show the plan and write nothing")
+@click.option(
+    "--include",
+    type=click.Choice([role.value for role in ON_REQUEST]),
+    multiple=True,
+    help="restore points of this role too; may be given again",
+)
+@click.option("--while-enabled", is_flag=True, help="write although the device is running")
+@click.option("--stop", is_flag=True, help="stop at the first point that is not restored")
+@click.option("--nv", is_flag=True, help="save what was restored, where a device has such a memory")
+@click.option("--undo", "undo_file", metavar="FILE", help="where the passport goes that undoes it")
+@common(force="take a passport with a wrong checksum, of other firmware, past limits", writes=True)
+def restore(
+    common: Common,
+    file: str,
+    device: str,
+    dry_run: bool,
+    include: tuple[str, ...],
+    while_enabled: bool,
+    stop: bool,
+    nv: bool,
+    undo_file: str | None,
+) -> int:
+    """Write the settings of a passport FILE to DEVICE, and read each of them back."""
+    wanted = load(Path(file), damaged=common.force)
+    target = common.target(device)
+    worked_out = target.device()
+    if nv:
+        keeping(worked_out)
+    roles = [Role(role) for role in include]
+    if not dry_run:
+        common.audit().check()
+    with common.connect(target) as connection:
+        planned = plan(connection, wanted, roles, force=common.force)
+        _show_plan(common, planned, device)
+        if dry_run or not planned.writes:
+            return 0
+        if planned.running is not None and not while_enabled:
+            raise UsageError(
+                f"{device} says that it is running ({planned.running}); stop it first, or say"
+                " --while-enabled; nothing was written"
+            )
+        common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
+        undo_path = Path(undo_file) if undo_file else _undo_path(Path(file))
+        save(undo(connection, planned), undo_path)
+        click.echo(f"{undo_path} undoes it", err=True)
+        verdicts = carry_out(connection, planned, stop=stop, keep=nv)
+        status = _report(common, connection.name, verdicts)
+    if isinstance(worked_out, KeepsMemory) and not nv:
+        click.echo(
+            f"only the working values: multidrop save {device} POINT... keeps them", err=True
+        )
+    return status
+
+
+def _undo_path(file: Path) -> Path:
+    now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
+    return file.with_name(f"{file.name.removesuffix('.toml')}.undo-{now}.toml")
+
+
+def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
+    """Each verdict as it comes; returns the highest exit status."""
+    status = 0
+    count: Counter[Verdict] = Counter()
+    for done in verdicts:
+        count[done.verdict] += 1
+        if done.error is not None:
+            status = max(status, exit_status(done.error))
+        if common.json:
+            click.echo(_as_line(device, done))
+        else:
+            _show(done)
+    if not common.json:
+        click.echo(
+            ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
+        )
+    return status
+
+
+def _show_plan(common: Common, planned: Plan, device: str) -> None:
+    if common.json:
+        for step in planned.steps:
+            click.echo(_plan_line(step))
+        return
+    skipped = Counter(step.reason for step in planned.steps if step.action is Action.SKIP)
+    same = sum(step.action is Action.SAME for step in planned.steps)
+    for step in planned.writes:
+        click.echo(f"{_label(step.wanted):<32} {shown(step.now)} -> {shown(step.wanted)}")
+    for reason, number in skipped.items():
+        click.echo(f"skipped {number:>4}: {reason}")
+    running = f"; it is running: {planned.running}" if planned.running else ""
+    click.echo(f"{device}: {len(planned.writes)} to write, {same} the same{running}")
+
+
+def _show(done: Restored) -> None:
+    if done.step.action is not Action.WRITE:
+        return
+    click.echo(f"{_label(done.step.wanted):<32} {shown(done.step.wanted)}   {done.verdict}")
+    if done.error is not None:
+        report_failure(done.error, done.step.wanted.point)
+
+
+def _label(entry: Entry) -> str:
+    return f"{entry.name} ({entry.point})" if entry.name else entry.point
+
+
+def _facts(step: Step) -> dict[str, object]:
+    return {
+        "point": step.wanted.point,
+        "name": step.wanted.name,
+        "old": jsonable(step.now.value) if step.now else None,
+        "asked": jsonable(step.wanted.value),
+        "unit": step.wanted.unit,
+    }
+
+
+def _plan_line(step: Step) -> str:
+    line = {"v": 1, "plan": step.action.value, **_facts(step), "reason": step.reason or None}
+    return json_module.dumps(line, ensure_ascii=False)
+
+
+def _as_line(device: str, done: Restored) -> str:
+    line = {"v": 1, "device": device, **_facts(done.step), "verdict": done.verdict.value}
+    if done.step.reason:
+        line["reason"] = done.step.reason
+    if done.error is not None:
+        line["error"] = failure(done.error)
+    return json_module.dumps(line, ensure_ascii=False)
