@@ -109,6 +109,7 @@ _HEAD: Mapping[str, type] = {
     "time": datetime,
     "multidrop": str,
 }
+_WORDS = {str: "text", int: "whole number", datetime: "time"}
 
 
 def _check_version(data: Mapping[str, Any], file: str) -> None:
@@ -168,7 +169,7 @@ def _passport(data: dict[str, Any], file: str) -> Passport:
     head = {key: value for key, value in data.items() if key in _HEAD}
     for key, kind in _HEAD.items():
         if not isinstance(head.get(key), kind) or isinstance(head[key], bool):
-            raise UsageError(f"{file}: {key} is missing or not a {kind.__name__}")
+            raise UsageError(f"{file}: {key} is missing or no {_WORDS[kind]}")
     known = {*_HEAD, "passport", "points", "unreadable", "checksum"}
     for key in data:
         if key not in known:

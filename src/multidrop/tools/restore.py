@@ -14,8 +14,8 @@ from multidrop.device import Write
 from multidrop.errors import DeviceError, Error, NoReply, PortError, UsageError
 from multidrop.io.connection import Connection, keeping
 from multidrop.io.readings import in_order
-from multidrop.points import Point, Reading, Role
-from multidrop.tools.backup import entry, passport
+from multidrop.points import Role
+from multidrop.tools.backup import Backup, entry, passport
 from multidrop.tools.difference import same
 from multidrop.tools.passport import Entry, Passport
 from multidrop.writing import Outcome, Written
@@ -218,21 +218,21 @@ def _by_rule(
 
 def _compared(connection: Connection, steps: Sequence[Step]) -> Iterator[Step]:
     """The steps with what the device holds; those that it holds already fall out of the plan."""
-    points = {step.wanted.point: step.write.point for step in steps if step.write is not None}
-    found = dict(zip(points, in_order(connection, list(points.values())), strict=True))
+    points = [step.write.point for step in steps if step.write is not None]
+    held = Backup(connection, points)
+    for _ in held.run():
+        pass
     for step in steps:
-        if step.wanted.point not in found:
-            yield step
-            continue
-        yield _with_present(step, *found[step.wanted.point])
+        yield step if step.write is None else _with_present(step, step.write.point.text, held)
 
 
-def _with_present(step: Step, point: Point, found: Reading | Error) -> Step:
-    if isinstance(found, DeviceError):
-        return replace(step, action=Action.SKIP, reason=f"the device does not show it: {found}")
-    if isinstance(found, Error):
-        raise found
-    now = entry(point, found)
+def _with_present(step: Step, point: str, held: Backup) -> Step:
+    failed = held.failed.get(point)
+    if isinstance(failed, DeviceError):
+        return replace(step, action=Action.SKIP, reason=f"the device does not show it: {failed}")
+    if failed is not None:
+        raise failed
+    now = held.found[point]
     return replace(step, now=now, action=Action.SAME if same(step.wanted, now) else Action.WRITE)
 
 
