@@ -156,7 +156,7 @@ def test_a_drive_gets_back_the_ten_settings_that_were_changed(bench: Bench, tmp_
 
 def test_the_same_on_a_line_with_faults(bench: Bench, tmp_path: Path) -> None:
     """5 % of the answers come damaged, or not at all; a restore that did not end well is run again."""
-    rates = dict.fromkeys(FAULTS, 0.05)
+    rates = dict.fromkeys(FAULTS, 0.05 / len(FAULTS))
     with bench.connect() as device:
         before = some_of(backup(device))
         change(device, settings_of(device, 10, seed=2, among=before))
