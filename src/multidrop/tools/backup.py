@@ -7,9 +7,9 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
-import multidrop
 from multidrop.errors import Error, NoReply, PortError, ProtocolError, UsageError
 from multidrop.io.connection import Connection, Target
 from multidrop.io.readings import in_order, readable
@@ -104,7 +104,7 @@ def passport(
         baud=target.settings.baud,
         format=str(target.settings.format),
         time=datetime.now(UTC),
-        multidrop=multidrop.__version__,
+        multidrop=version("multidrop"),
         points=points,
         unreadable=unreadable or {},
     )
