@@ -16,6 +16,7 @@ from bench.many_lines import many_lines
 from bench.measure import ROOT, Result
 from bench.memory import memory
 from bench.paced import paced
+from bench.scan import scan
 from bench.startup import startup
 from bench.transactions import transactions
 
@@ -25,6 +26,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "transactions": transactions,
     "paced": paced,
     "lines": many_lines,
+    "scan": scan,
     "startup": startup,
     "memory": memory,
     "datalink": datalink.rows,

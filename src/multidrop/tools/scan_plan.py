@@ -11,7 +11,7 @@ from multidrop.exchange import LATE
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import Format, LineSettings
 
-WAIT = 0.1
+WAIT = 0.08
 """s for the first byte of an answer in the quick pass; later ones count too, up to `LATE`."""
 LISTEN = 2.0
 """s of silence that a line must have shown before the first probe."""
