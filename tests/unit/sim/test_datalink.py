@@ -149,3 +149,18 @@ class TestConfigurationPort:
         port.read(30.1)
         with pytest.raises(NoReply):
             line.run(Master(3).interrogate(0x8002, 1))
+
+    def test_the_action_opens_it(self, tmp_path: Path) -> None:
+        connection = controller(tmp_path, simulated("53mc5000", 3, "port"))
+        with pytest.raises(NoReply):
+            connection.read("C101")
+        assert connection.act("open_configuration_port").fields == {
+            "action": "open_configuration_port"
+        }
+        assert connection.read("C101").value == 50.0
+
+    def test_the_action_fails_on_a_port_that_does_not_open(self, tmp_path: Path) -> None:
+        connection = controller(tmp_path, simulated("53mc5000", 3, "port"))
+        connection.line.port = MemoryPort(SimulatedLine([], LINE.decoder).attach())
+        with pytest.raises(NoReply, match="the configuration port did not open: no reply"):
+            connection.act("open_configuration_port")

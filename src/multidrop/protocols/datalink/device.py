@@ -9,7 +9,7 @@ from multidrop.device import Report, Sizes, Write
 from multidrop.errors import NoReply, ProtocolError, UsageError
 from multidrop.points import Point, Sample, Value
 from multidrop.profile import Profile
-from multidrop.protocols.datalink import status
+from multidrop.protocols.datalink import entry, status
 from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
@@ -165,7 +165,7 @@ class DatalinkDevice:
 
     def _unmapped_status(self) -> Conversation[Frame, Report]:
         """No source says where such an instrument keeps its state: a byte shows that it answers."""
-        yield from self.master.interrogate(min(area.base for area in self.map.areas.values()), 1)
+        yield from self.master.interrogate(self._first_address(), 1)
         return status.unknown(self.map.name)
 
     def running(self) -> Conversation[Frame, str | None]:
@@ -185,6 +185,26 @@ class DatalinkDevice:
 
     def reset_comm(self) -> Conversation[Frame, Report]:
         raise UsageError("Datalink has no command that resets an instrument's serial interface")
+
+    @property
+    def actions(self) -> Mapping[str, str]:
+        return {entry.ACTION: entry.MEANING}
+
+    def prepare_action(self, name: str) -> Callable[[], Conversation[Frame, Report]]:
+        """The only one of `actions`, by name. Raises `UsageError`."""
+        if name != entry.ACTION:
+            raise UsageError(f"{name!r} is no action; the only one is {entry.ACTION}")
+
+        def converse() -> Conversation[Frame, Report]:
+            yield from entry.open_port(self.master, self._first_address())
+            line = "the configuration port answers, until 30 s have passed without a byte"
+            return Report({"action": name}, (line,))
+
+        return converse
+
+    def _first_address(self) -> int:
+        """Of a byte that an instrument with this map has."""
+        return min(area.base for area in self.map.areas.values())
 
     def prepare_raw(self, text: str) -> Callable[[], Conversation[Frame, Report]]:
         question = _raw_message(text, self.address)

@@ -6,7 +6,7 @@ import pytest
 from datalink_wire import Instrument, response, steps_of
 
 from multidrop.catalog import load_profile
-from multidrop.conversation import Ask
+from multidrop.conversation import Ask, Tell, Wait
 from multidrop.device import Device
 from multidrop.errors import NoReply, ProtocolError, UsageError
 from multidrop.points import Role, Value
@@ -287,3 +287,29 @@ def test_dialects_and_bases() -> None:
         known.point("B1")
     with pytest.raises(UsageError, match="address 32 is out of range"):
         device(32, PROFILE, {})
+
+
+@pytest.mark.parametrize("profile", ["53mc5000", "53sl6000"])
+def test_the_entry_sequence_is_told_and_a_byte_shows_that_the_port_is_open(profile: str) -> None:
+    one = device(3, load_profile(profile), {})
+    assert list(one.actions) == ["open_configuration_port"]
+    at = 0x200 if profile == "53mc5000" else 0x9CF
+    steps, report = steps_of(one.prepare_action("open_configuration_port")(), response(at, "00"))
+    told, waited, asked = steps
+    assert isinstance(told, Tell)
+    assert told.frame.encode() == bytes.fromhex("03 1B 0E 15")
+    assert told.within is None
+    assert isinstance(waited, Wait)
+    assert isinstance(asked, Ask)
+    assert asked.frame == Frame(Command.INTERROGATE, 3, at, 1)
+    assert report.fields == {"action": "open_configuration_port"}
+
+
+def test_a_port_that_does_not_open() -> None:
+    with pytest.raises(NoReply, match="the configuration port did not open: no reply in 3"):
+        steps_of(new().prepare_action("open_configuration_port")(), NoReply(3))
+
+
+def test_another_action() -> None:
+    with pytest.raises(UsageError, match="'open' is no action; the only one is open_configuration"):
+        new().prepare_action("open")
