@@ -51,8 +51,9 @@ class Observer:
         self._character = self._timing.character
         self._profiles = dict(profiles)
         self._unknown = Profile(name=protocol.name, protocol=protocol.name)
-        for address, profile in self._profiles.items():
-            _check(protocol, address, profile)
+        one_of_each = {id(profile): at for at, profile in self._profiles.items()}
+        for address in one_of_each.values():
+            _check(protocol, address, self._profiles[address])
         self._decoder = settings.decoder()
         self._clock = _Clock(self._character)
         self._last_heard = 0.0
@@ -62,6 +63,7 @@ class Observer:
         self._meaning: Meaning | None = None  # of what is open, where that was worked out
         self._answer: Heard | None = None
         self._echo: Heard | None = None
+        self._last: Heard | None = None  # the frame before, until its echo came
         self._hears_itself = False
         self.echoes = 0
 
@@ -78,7 +80,7 @@ class Observer:
         """
         if sent:
             return self._receive_sent(data, now)
-        found = self._silence(now)
+        found = self._silence(now - len(data) * self._character)
         self._last_heard = now
         self._heard_as = sent
         self._clock.receive(len(data), now)
@@ -95,16 +97,17 @@ class Observer:
         frame, raw = event
         start = now - len(raw) * self._character
         heard = _new(Heard, (frame, raw, start, now, sent))
+        last = self._last
+        if last is not None and frame == last.frame and self._is_echo(heard, last):
+            self._take_echo(heard)
+            return []
+        self._last = heard
         found: list[Found] = []
         if self._open:
-            last = self._open[-1]
-            if start >= last.end + LATE:
+            before = self._open[-1]
+            if start >= before.end + LATE:
                 found = self._close()
-            elif frame == self._frames[0] and self._is_echo(heard):
-                self.echoes += 1
-                self._echo = heard
-                return found
-            elif (sent is None or sent is not last.sent) and self._continues(self._frames, frame):
+            elif (sent is None or sent is not before.sent) and self._continues(self._frames, frame):
                 return self._continue(heard)
         if not self._continues((), frame):
             found.append(Stray(heard, self._protocol.describe(frame)))
@@ -197,25 +200,30 @@ class Observer:
         self._meaning = self._answer = self._echo = None
         return [found]
 
-    def _is_echo(self, heard: Heard) -> bool:
-        """Whether this is the copy of the question that a line which hears itself delivers.
+    # -- local echo ------------------------------------------------------------------------
+
+    def _is_echo(self, heard: Heard, last: Heard) -> bool:
+        """Whether this is the copy of the frame before, which a line that hears itself delivers.
 
         Where the right answer equals its question, only a copy that began before
         the question was over is certain to be none, or one on a line that was
         heard to echo before.
         """
-        question = self._open[0]
-        if len(self._open) > 1 or self._echo is not None:
+        overlaps = heard.start < last.end - self._character / 2
+        ambiguous = heard.frame.answers(last.frame)
+        if not last.sent:
+            return heard.sent is None and overlaps and not ambiguous
+        if heard.sent or heard.start >= last.end + LATE:
             return False
-        if heard.sent or (heard.sent is False and not question.sent):
-            return False
-        overlaps = heard.start < question.end - self._character / 2
-        if not question.sent:
-            return overlaps and not heard.frame.answers(question.frame)
-        if heard.frame.answers(question.frame):
-            return overlaps or self._hears_itself
+        return overlaps or self._hears_itself or not ambiguous
+
+    def _take_echo(self, heard: Heard) -> None:
+        """It belongs to its question; that of an Acknowledge comes when all is over."""
+        self.echoes += 1
         self._hears_itself = True
-        return True
+        self._last = None
+        if len(self._open) == 1 and heard.frame == self._frames[0]:
+            self._echo = heard
 
 
 class _Clock:

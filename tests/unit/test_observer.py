@@ -11,7 +11,8 @@ from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
 from multidrop.observer import Found, Observer
-from multidrop.protocols import PROTOCOLS, slink3
+from multidrop.protocols import PROTOCOLS, datalink, slink3, ultra3000
+from multidrop.protocols.datalink import Command
 from multidrop.protocols.slink3 import Frame
 from multidrop.timing import LineSettings
 from multidrop.transaction import Damage, Kind, Stray, Transaction
@@ -174,6 +175,15 @@ def test_a_frame_cut_short_is_damage_after_a_silence() -> None:
     ]
 
 
+def test_a_long_piece_is_no_silence() -> None:
+    """It took its bytes as long to come as a silence lasts."""
+    observer = new()
+    long = Frame(1, 0, 0, 0xABCD, bytes(200)).encode()
+    observer.receive_data(long[:8], 10.0)
+    assert observer.receive_data(long[8:], 10.0 + 200 * CHARACTER) == []
+    assert texts(observer.finish()) == [f"T special access {bytes(200).hex(' ')}: no answer"]
+
+
 def test_over_a_network_silence_is_longer() -> None:
     observer = new(network=True)
     observer.receive_data(question().encode()[:6], 10.0)
@@ -271,6 +281,159 @@ def test_a_broadcast_has_no_answer() -> None:
     observer.receive_data(broadcast.encode(), 10.0)
     found = observer.receive_data(question().encode(), 10.2)
     assert texts(found) == ["T broadcast write 8236 := 7"]
+
+
+def test_an_echo_that_comes_too_late_is_a_question() -> None:
+    observer = new()
+    observer.receive_data(question().encode(), 10.0, sent=True)
+    found = observer.receive_data(question().encode(), 12.0, sent=False)
+    assert texts(found) == [SILENT]
+    assert observer.echoes == 0
+
+
+def test_a_stray_that_this_side_repeats_is_no_echo() -> None:
+    observer = new()
+    for _ in range(2):
+        assert texts(observer.receive_data(answer().encode(), 10.0, sent=True)) == [
+            "S 1 #0 OK 8236:int16 = 5"
+        ]
+
+
+# -- Datalink: three frames, and more ----------------------------------------------------------
+
+CHANGE = datalink.Frame(Command.CHANGE, 3, 0x72F, 3, b"\x40\x00\x01")
+ECHOED = datalink.Frame(Command.RESPONSE, 3, 0x72F, 3, b"\x40\x00\x01")
+ACKNOWLEDGE = datalink.Frame(Command.ACKNOWLEDGE, 3)
+WRITTEN = "T write loop0_setpoint (C101) := 1 EU"
+
+
+def instrument() -> Observer:
+    profiles = {3: load_profile("53mc5000")}
+    return Observer(PROTOCOLS["datalink"], datalink.LINE, profiles)
+
+
+def test_a_change_its_echo_and_its_acknowledge_are_one_write() -> None:
+    observer = instrument()
+    assert observer.receive_data(CHANGE.encode(), 10.0) == []
+    assert observer.receive_data(ECHOED.encode(), 10.1) == []
+    assert observer.deadline == 11.6
+    (found,) = observer.receive_data(ACKNOWLEDGE.encode(), 10.15)
+    assert texts([found]) == [f"{WRITTEN}: acknowledged"]
+    assert isinstance(found, Transaction)
+    assert len(found.frames) == 3
+    assert found.answer_ms == pytest.approx(100 - 9 * datalink.LINE.character * 1000)
+
+
+def test_a_change_that_is_not_acknowledged() -> None:
+    observer = instrument()
+    observer.receive_data(CHANGE.encode() + ECHOED.encode(), 10.0)
+    found = observer.receive_data(CHANGE.encode(), 10.3)
+    found += observer.receive_data(ACKNOWLEDGE.encode(), 10.4)
+    found += observer.receive_data(ACKNOWLEDGE.encode(), 10.5)
+    assert texts(found) == [
+        f"{WRITTEN}: not acknowledged",
+        f"{WRITTEN}: acknowledged, its echo was not heard",
+        "S 3 acknowledge",
+    ]
+    second = found[1]
+    assert isinstance(second, Transaction)
+    assert second.answer_ms is None
+
+
+def test_the_echo_of_an_acknowledge_belongs_to_nothing() -> None:
+    observer = instrument()
+    observer.receive_data(CHANGE.encode(), 10.0, sent=True)
+    observer.receive_data(CHANGE.encode(), 10.02, sent=False)
+    observer.receive_data(ECHOED.encode(), 10.05, sent=False)
+    found = observer.receive_data(ACKNOWLEDGE.encode(), 10.06, sent=True)
+    assert texts(found) == [f"{WRITTEN}: acknowledged"]
+    assert observer.receive_data(ACKNOWLEDGE.encode(), 10.07, sent=False) == []
+    assert observer.echoes == 2
+
+
+# -- Ultra3000: frames that do not show who sent them ------------------------------------------
+
+ACTION = ultra3000.Frame(0, 0x06F, 1).encode()
+DONE = "T do reset_faults (0x06F): OK"
+UNDONE = "T do reset_faults (0x06F): no answer"
+
+
+def drive() -> Observer:
+    return Observer(PROTOCOLS["ultra3000"], ultra3000.LINE, {0: load_profile("ultra3000")})
+
+
+def test_an_action_is_answered_by_itself() -> None:
+    observer = drive()
+    assert texts(observer.receive_data(ACTION + ACTION, 10.0)) == [DONE]
+    assert observer.receive_data(ACTION, 11.0) == []
+    assert texts(observer.receive_data(ACTION, 11.001)) == [DONE]  # pieces may come late
+    assert observer.echoes == 0
+
+
+def test_an_action_alone_may_be_a_late_answer() -> None:
+    observer = drive()
+    observer.receive_data(ACTION, 10.0)
+    assert texts(observer.finish()) == ["S 0 06F write working"]
+
+
+def test_an_action_that_this_side_sent_is_no_answer() -> None:
+    observer = drive()
+    observer.receive_data(ACTION, 10.0, sent=True)
+    assert texts(observer.receive_data(ACTION, 10.3, sent=True)) == [UNDONE]
+    assert texts(observer.finish()) == [UNDONE]
+
+
+def test_the_first_copy_on_a_line_that_hears_itself_is_the_echo() -> None:
+    observer = drive()
+    read = ultra3000.Frame(0, 0x075).encode()
+    observer.receive_data(read, 10.0, sent=True)
+    observer.receive_data(read, 10.02, sent=False)
+    observer.receive_data(ultra3000.Frame(0, 0x075, 0, "FF").encode(), 10.03, sent=False)
+    observer.receive_data(ACTION, 11.0, sent=True)
+    assert observer.receive_data(ACTION, 11.02, sent=False) == []
+    assert texts(observer.receive_data(ACTION, 11.03, sent=False)) == [DONE]
+    assert observer.echoes == 2
+
+
+def test_a_copy_is_an_answer_where_no_echo_was_heard() -> None:
+    observer = drive()
+    observer.receive_data(ACTION, 11.0, sent=True)
+    assert texts(observer.receive_data(ACTION, 11.02, sent=False)) == [DONE]
+
+
+def test_a_copy_that_began_too_early_is_an_echo() -> None:
+    observer = drive()
+    observer.receive_data(ACTION, 11.0, sent=True)
+    end = 11.0 + len(ACTION) * ultra3000.LINE.character
+    assert observer.receive_data(ACTION, end, sent=False) == []
+    assert texts(observer.receive_data(ACTION, end + 0.01, sent=False)) == [DONE]
+
+
+def test_an_array_is_read_by_its_index() -> None:
+    observer = drive()
+    observer.receive_data(ultra3000.Frame(0, 0x02B, 0, "07").encode(), 10.0)
+    value = ultra3000.Frame(0, 0x02B, 0, "00000010").encode()
+    expected = "T read preset_position_acceleration (0x02B.7) = 16 counts/s^2"
+    assert texts(observer.receive_data(value, 10.1)) == [expected]
+    assert texts(observer.receive_data(value, 10.2)) == ["S 0 02B read working = 00000010"]
+
+
+def test_setpoints_that_nobody_answers() -> None:
+    observer = drive()
+    first, second = (ultra3000.Frame(0, 0x06D, 1, f"{value:08X}") for value in (1, 2))
+    observer.receive_data(first.encode(), 10.0)
+    found = observer.receive_data(second.encode(), 10.3)
+    assert texts(found) == ["T write setpoint_velocity (0x06D) := 1 counts/s: no answer"]
+
+
+def test_a_skipped_line_feed_moves_no_time() -> None:
+    observer = drive()
+    observer.receive_data(ACTION + b"\n", 10.0, sent=False)
+    assert texts(observer.time_passed(12.0)) == ["S 0 06F write working"]
+    observer.receive_data(ultra3000.Frame(0, 0x075).encode(), 13.0)
+    (found,) = observer.receive_data(ultra3000.Frame(0, 0x075, 0, "00").encode(), 13.5)
+    assert isinstance(found, Transaction)
+    assert found.frames[1].end == 13.5
 
 
 # -- profiles ----------------------------------------------------------------------------------
