@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from integration.processes import PATIENCE, Running, multidrop
-from integration.tshark import INFO, tshark, tshark_path
+from integration.tshark import info_field, tshark, tshark_path
 from multidrop.errors import UsageError
 from multidrop.io.captured import CaptureReader, Packet
 from multidrop.io.list_ports import PortFacts
@@ -258,7 +258,7 @@ def test_wireshark_captures_with_it(tmp_path: Path) -> None:
 
         talking = threading.Thread(target=talk, daemon=True)
         talking.start()
-        options = ["-T", "fields", "-e", INFO, "-c", "2"]
+        options = ["-T", "fields", "-e", info_field(), "-c", "2"]
         chosen = ["-o", f"extcap.multidrop.port:{port}", "-o", "extcap.multidrop.protocol:slink3"]
         out = tshark("-i", "multidrop", *chosen, *options, home=tmp_path)
         talking.join(PATIENCE)

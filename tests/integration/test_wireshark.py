@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,16 @@ import pytest
 
 from integration.traffic import START_NS, write_traffic
 from integration.tshark import INFO, LUA, dissected, tshark, tshark_path
+from multidrop.device import ProtocolModule
 from multidrop.errors import ProtocolError, UsageError
+from multidrop.events import Damaged, FrameReceived
 from multidrop.io.capture import CaptureWriter
-from multidrop.io.captured import CaptureReader
+from multidrop.io.captured import CaptureReader, Interface, Packet
+from multidrop.observer import Found, Observer
 from multidrop.protocols import PROTOCOLS, datalink, slink3, ultra3000
 from multidrop.protocols.slink3.messages import StandardParameter, TypedParameter
 from multidrop.protocols.slink3.values import decode_value
+from multidrop.transaction import Transaction
 
 FRAMES = 10_000
 
@@ -92,10 +97,7 @@ def slink3_value_agrees(type_code: int, raw: bytes, shown: Shown) -> None:
 
 
 def datalink_agrees(raw: bytes, shown: Shown) -> Any:
-    try:
-        frame = datalink.Frame.decode(raw)
-    except UsageError:
-        frame = datalink.UnstuffedFrame.decode(raw)
+    frame = frame_of("datalink", raw)
     assert number(shown["datalink.command"]) == frame.command
     assert number(shown["datalink.address"]) == frame.address
     if frame.command is datalink.Command.ACKNOWLEDGE:
@@ -142,21 +144,57 @@ FIELDS = {
         *("address", "parameter", "refused", "function", "data", "refusal", "value", *OF_ALL),
     ],
 }
-ASKED = [INFO, *(f"{name}.{field}" for name, fields in FIELDS.items() for field in fields)]
+LINKS = [
+    *(f"{name}.{link}" for name in FIELDS for link in ("request_in", "echo_of")),
+    "datalink.acknowledges",
+]
+ASKED = [INFO, *(f"{name}.{field}" for name, fields in FIELDS.items() for field in fields), *LINKS]
 
 
-def test_of_10_000_frames_every_field_is_as_multidrop_decodes_it(tmp_path: Path) -> None:
+@dataclass(frozen=True)
+class Traffic:
+    """The same packets as multidrop reads them, and as Wireshark shows them."""
+
+    packets: list[Packet]
+    interfaces: list[Interface]
+    rows: list[Shown]
+
+    def protocol(self, packet: Packet) -> ProtocolModule:
+        found = self.interfaces[packet.interface].protocol
+        assert found is not None
+        return found
+
+
+@pytest.fixture(scope="module")
+def traffic(tmp_path_factory: pytest.TempPathFactory) -> Traffic:
     tshark_path()
-    path = tmp_path / "traffic.pcapng"
+    path = tmp_path_factory.mktemp("traffic") / "traffic.pcapng"
     write_traffic(path, FRAMES)
-    rows = dissected(path, ASKED, home=tmp_path)
     reader = CaptureReader(path)
     packets = list(reader.packets())
-    assert len(rows) == len(packets) >= FRAMES
+    return Traffic(packets, reader.interfaces, dissected(path, ASKED, home=path.parent))
+
+
+def frame_of(name: str, raw: bytes) -> Any:
+    """The frame of these bytes, whether or not its line has byte stuffing."""
+    try:
+        return FRAME_TYPES[name].decode(raw)
+    except UsageError:
+        return datalink.UnstuffedFrame.decode(raw)
+
+
+FRAME_TYPES: dict[str, Any] = {
+    "slink3": slink3.Frame,
+    "datalink": datalink.Frame,
+    "ultra3000": ultra3000.Frame,
+}
+
+
+def test_of_10_000_frames_every_field_is_as_multidrop_decodes_it(traffic: Traffic) -> None:
+    assert len(traffic.rows) == len(traffic.packets) >= FRAMES
     damaged = 0
-    for packet, shown in zip(packets, rows, strict=True):
-        protocol = reader.interfaces[packet.interface].protocol
-        assert protocol is not None
+    for packet, shown in zip(traffic.packets, traffic.rows, strict=True):
+        protocol = traffic.protocol(packet)
         name = protocol.name
         if packet.damaged:
             damaged += 1
@@ -168,6 +206,72 @@ def test_of_10_000_frames_every_field_is_as_multidrop_decodes_it(tmp_path: Path)
             assert shown[f"{name}.damage"] == ""
             assert shown[INFO] == protocol.describe(frame).strip()
     assert FRAMES // 10 < damaged < FRAMES // 3
+
+
+def test_the_10_000_frames_are_of_every_kind(traffic: Traffic) -> None:
+    whole = [packet for packet in traffic.packets if not packet.damaged]
+    frames: dict[str, list[Any]] = {name: [] for name in FIELDS}
+    for packet in whole:
+        name = traffic.protocol(packet).name
+        frames[name].append(frame_of(name, packet.data))
+    asked = {frame.code for frame in frames["slink3"] if not frame.is_answer}
+    answered = {frame.code for frame in frames["slink3"] if frame.is_answer}
+    assert asked >= set(slink3.Command)
+    assert answered >= set(slink3.Response)
+    assert {frame.command for frame in frames["datalink"]} == set(datalink.Command)
+    assert {type(frame) for frame in frames["datalink"]} == {
+        datalink.Frame,
+        datalink.UnstuffedFrame,
+    }
+    functions = {frame.function for frame in frames["ultra3000"]}
+    assert functions == set(range(16))
+    refusals = {frame.data for frame in frames["ultra3000"] if frame.is_refusal}
+    assert refusals >= {f"{code:02X}" for code in ultra3000.Refusal}
+
+
+def test_questions_and_answers_of_10_000_frames_are_those_of_the_observer(traffic: Traffic) -> None:
+    numbers = {id(packet.data): number for number, packet in enumerate(traffic.packets, 1)}
+    observers: dict[int, Observer] = {}
+    found: list[Found] = []
+    for packet in traffic.packets:
+        protocol = traffic.protocol(packet)
+        observer = observers.setdefault(
+            packet.interface, Observer(protocol, protocol.line, profiles={})
+        )
+        event = (
+            Damaged(packet.data, packet.comment)
+            if packet.damaged
+            else FrameReceived(frame_of(protocol.name, packet.data), packet.data)
+        )
+        now = (packet.time_ns - START_NS) / 1e9
+        found += observer.frame(event, now, packet.sent)
+    for observer in observers.values():
+        found += observer.finish()
+    wanted: dict[int, int] = {}
+    for item in found:
+        if isinstance(item, Transaction):
+            first, *others = (numbers[id(heard.raw)] for heard in item.frames)
+            wanted |= dict.fromkeys(others, first)
+    assert linked(traffic, "request_in", "acknowledges") == wanted
+    assert len(wanted) > FRAMES // 10
+    echoes = {
+        numbers[id(item.echo.raw)]: numbers[id(item.frames[0].raw)]
+        for item in found
+        if isinstance(item, Transaction) and item.echo is not None
+    }
+    assert len(echoes) > FRAMES // 20
+    # The observer takes the echo of an Acknowledge for nobody's question.
+    assert echoes.items() <= linked(traffic, "echo_of").items()
+
+
+def linked(traffic: Traffic, *links: str) -> dict[int, int]:
+    """Number of each packet that has such a link -> where it leads."""
+    names = [name for name in LINKS if name.partition(".")[2] in links]
+    return {
+        number: int(text)
+        for number, shown in enumerate(traffic.rows, 1)
+        if (text := "".join(shown[name] for name in names))
+    }
 
 
 # -- captures of a few packets ----------------------------------------------------------------------

@@ -209,10 +209,11 @@ def any_datalink(dice: random.Random) -> bytes:
 
 
 def any_ultra3000(dice: random.Random) -> bytes:
+    parameter = dice.randrange(0x1000)
     digits = "".join(dice.choices("0123456789ABCDEF", k=dice.choice((0, 2, 4, 8, 245))))
-    return ultra3000.Frame(
-        dice.randrange(256), dice.randrange(0x1000), dice.randrange(16), digits
-    ).encode()
+    if parameter >= 0x800:
+        digits = dice.choice((digits, f"{dice.randrange(12):02X}"))
+    return ultra3000.Frame(dice.randrange(256), parameter, dice.randrange(16), digits).encode()
 
 
 ANY = {"slink3": any_slink3, "datalink": any_datalink, "ultra3000": any_ultra3000}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -14,7 +16,8 @@ import multidrop
 
 NEEDED = "MULTIDROP_NEEDS_TSHARK"
 LUA = Path(multidrop.__file__).parent / "wireshark" / "multidrop.lua"
-INFO = "_ws.col.Info"
+INFO = "info"
+"""The line that stands in the list of packets; tshark 4.2 spells its field differently."""
 
 
 def tshark_path() -> str:
@@ -26,6 +29,16 @@ def tshark_path() -> str:
             pytest.fail(why)
         pytest.skip(why)
     return found
+
+
+@functools.cache
+def info_field() -> str:
+    """What tshark calls the column."""
+    said = subprocess.run([tshark_path(), "--version"], capture_output=True, text=True, check=True)
+    version = re.search(r"\d+\.\d+", said.stdout)
+    assert version is not None
+    newer = tuple(map(int, version[0].split("."))) >= (4, 2)
+    return "_ws.col.info" if newer else "_ws.col.Info"
 
 
 def tshark(*arguments: str, home: Path) -> str:
@@ -48,7 +61,8 @@ def dissected(
     capture: Path, fields: Sequence[str], *, home: Path, passes: int = 2
 ) -> list[dict[str, str]]:
     """These fields of every packet; "" for one that it has not, the first where it has several."""
-    asked = [part for field in ("_ws.lua.error", *fields) for part in ("-e", field)]
+    names = ["_ws.lua.error", *(info_field() if field == INFO else field for field in fields)]
+    asked = [part for name in names for part in ("-e", name)]
     options = ["-T", "fields", "-E", "separator=/t", "-E", "occurrence=f", *asked]
     twice = ["-2", "-R", "frame"] if passes == 2 else []  # with a filter fields are there at once
     script = ["-X", f"lua_script:{LUA}"]

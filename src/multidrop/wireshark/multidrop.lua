@@ -444,7 +444,8 @@ local function register(protocol, link_type)
    DissectorTable.get("wtap_encap"):add(link_type, protocol.proto)
 end
 
-local function from_to(pinfo, entry, address, answer)
+local function from_to(pinfo, address, answer)
+   address = ("%d"):format(address)
    pinfo.cols.src = answer and address or "master"
    pinfo.cols.dst = answer and "master" or address
 end
@@ -523,8 +524,8 @@ end
 local function rest(data, size) return data:len() > size and data(size) or nil end
 
 local function slink3_typed_text(found)
-   local subindex = found.subindex and ("." .. found.subindex:uint()) or ""
-   return found.index:le_uint() .. subindex .. ":" .. text_of(SLINK3_TYPES, found.type)
+   local subindex = found.subindex and (".%d"):format(found.subindex:uint()) or ""
+   return ("%d%s:%s"):format(found.index:le_uint(), subindex, text_of(SLINK3_TYPES, found.type))
 end
 
 local function slink3_typed_answer(data)
@@ -534,8 +535,6 @@ local function slink3_typed_answer(data)
    local text = value and known and slink3_value(found.type, value)
    if text then return found, value, text end
 end
-
-local function after_space(text) return text == "" and "" or " " .. text end
 
 local function slink3_body(frame)
    local data = frame.data
@@ -556,7 +555,7 @@ local function slink3_body(frame)
 end
 
 function slink3.describe(frame)
-   local where = frame.destination > 0 and "/" .. frame.destination or ""
+   local where = frame.destination > 0 and ("/%d"):format(frame.destination) or ""
    local head = ("%d%s #%d"):format(frame.address, where, math.floor(frame.control / 4))
    if not frame.answer then
       return head .. " " .. text_of(SLINK3_COMMANDS, frame.code) .. slink3_body(frame)
@@ -661,7 +660,7 @@ function slink3.show(frame, entry, tree, pinfo)
    slink3_show_head(frame.range, tree)
    slink3_show_data(frame, entry, tree)
    show_checksum(slink3, tree, slink3.f.checksum, frame.range(frame.range:len() - 1), frame.checksum, frame.computed)
-   from_to(pinfo, entry, frame.address, frame.answer)
+   from_to(pinfo, frame.address, frame.answer)
    if frame.answer and not has(SLINK3_SUCCESS, frame.code) then
       tree:add_proto_expert_info(slink3.e.refused, text_of(SLINK3_RESPONSES, frame.code))
    end
@@ -824,10 +823,10 @@ local function pairs_of(frame)
 end
 
 function datalink.describe(frame)
-   local text = frame.address .. " " .. text_of(DATALINK_COMMANDS, frame.command)
+   local text = ("%d %s"):format(frame.address, text_of(DATALINK_COMMANDS, frame.command))
    if frame.command == DATALINK_ACKNOWLEDGE then return text end
    text = text .. (" %04Xh"):format(frame.memory_address)
-   if frame.command == DATALINK_INTERROGATE then return text .. "/" .. frame.count end
+   if frame.command == DATALINK_INTERROGATE then return ("%s/%d"):format(text, frame.count) end
    if pairs_of(frame) then
       for index = 1, frame.count, 2 do
          text = text .. (" mask %02X state %02X"):format(frame.data:byte(index, index + 1))
@@ -868,6 +867,8 @@ local function datalink_show_acknowledge(entry, tree)
    if entry.acknowledged then generated(tree, f.acknowledged_in, entry.acknowledged) end
    if entry.acknowledges then
       generated(tree, f.acknowledges, entry.acknowledges)
+   end
+   if entry.since_echo then
       generated(tree, f.acknowledge_time, time_of(entry.since_echo))
       if entry.since_echo > 0.1 then tree:add_proto_expert_info(datalink.e.late) end
    end
@@ -877,7 +878,7 @@ end
 function datalink.show(frame, entry, tree, pinfo)
    datalink_show_fields(frame, frame.range, tree)
    datalink_show_acknowledge(entry, tree)
-   from_to(pinfo, entry, frame.address, frame.command == DATALINK_RESPONSE)
+   from_to(pinfo, frame.address, frame.command == DATALINK_RESPONSE)
 end
 
 function datalink.show_part(range, tree)
@@ -899,7 +900,7 @@ end
 function datalink.answered(frame, question, questions, entry)
    if question.command == DATALINK_INTERROGATE then return end
    questions.echoed = question
-   question.echoed_at = question.time + entry.time
+   question.echoed_at, question.echo_direction = question.time + entry.time, frame.direction
    entry.echo_differs = frame.data ~= question.data
 end
 
@@ -908,11 +909,14 @@ function datalink.asked(frame, questions, entry)
       questions.asked, questions.echoed = frame, nil
       return
    end
-   local change = questions.echoed
-   if not change or change.address ~= frame.address then return end
+   local change = questions.echoed or questions.asked -- whose echo may have been damaged
+   if not change or change.address ~= frame.address or change.command == DATALINK_INTERROGATE then return end
+   if frame.start >= (change.echoed_at or change.time) + LATE then return end
+   if frame.direction ~= UNKNOWN and frame.direction == (change.echo_direction or change.direction) then return end
    change.entry.acknowledged = frame.packet
-   entry.acknowledges, entry.since_echo = change.packet, frame.time - change.echoed_at
-   questions.echoed = nil
+   entry.acknowledges = change.packet
+   entry.since_echo = change.echoed_at and frame.time - change.echoed_at
+   questions.echoed, questions.asked = nil, nil
 end
 
 function datalink.from_master(frame) return not datalink.is_answer(frame) end
@@ -1014,7 +1018,7 @@ end
 function ultra3000.show(frame, entry, tree, pinfo)
    local answer = entry.role == "response" or entry.role == "stray"
    ultra3000_show_fields(frame, frame.range, tree, answer)
-   from_to(pinfo, entry, frame.address, answer)
+   from_to(pinfo, frame.address, answer)
    if frame.refused then tree:add_proto_expert_info(ultra3000.e.refused, refusal_text(frame.data)) end
 end
 
