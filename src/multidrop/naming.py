@@ -116,20 +116,28 @@ class DeviceName:
 def parse_device(text: str, *, broadcast: bool = False) -> DeviceName:
     """Raises `UsageError` with the grammar."""
     who, at, where = text.partition("@")
-    port, *pairs = where.split(",")
-    if not at or not who or not port:
+    if not at or not who or where.startswith(",") or not where:
         raise UsageError(f"{text!r} is not a device: {GRAMMAR}")
+    port, options = parse_port(where)
+    if broadcast:
+        if ":" in who:
+            raise UsageError(f"{text!r}: a broadcast has no address: PROFILE@PORT")
+        return DeviceName(who, None, port, options)
+    return DeviceName(*_who(who, text), port, options)
+
+
+def parse_port(text: str) -> tuple[str, dict[str, str]]:
+    """`PORT[,key=value]...`. Raises `UsageError`."""
+    port, *pairs = text.split(",")
+    if not port:
+        raise UsageError(f"{text!r} is not a port: PORT[,key=value]..., as in /dev/ttyUSB0")
     options = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not value:
             raise UsageError(f"{text!r}: {pair!r} is not key=value")
         options[key.strip()] = value.strip()
-    if broadcast:
-        if ":" in who:
-            raise UsageError(f"{text!r}: a broadcast has no address: PROFILE@PORT")
-        return DeviceName(who, None, port, options)
-    return DeviceName(*_who(who, text), port, options)
+    return port, options
 
 
 def _who(who: str, text: str) -> tuple[str, int]:

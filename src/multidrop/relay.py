@@ -26,6 +26,8 @@ class Passage(Generic[FrameT]):
 
     acts: bool = False
     """Whether it may change something: True for everything that is not known as a read."""
+    answered: bool = True
+    """Whether somebody answers it; nobody does a broadcast, or an acknowledge."""
     refusal: FrameT | None = None
     """What its master hears where it may not act; None: nothing."""
     hold: float | None = 0.0

@@ -38,6 +38,7 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "extcap": ("wireshark", "What Wireshark calls to listen to a line."),
     "sniff": ("sniff", "Listen to a line that others speak on, decoded and recorded."),
     "decode": ("decode", "Decode a capture into transactions."),
+    "share": ("share", "One port for many masters, over TCP."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }
 EXPLAINED = {  # what somebody may type, and what was meant

@@ -31,7 +31,7 @@ class DatalinkRelay:
             return Passage(acts=True, hold=ACKNOWLEDGE_WITHIN)
         if held is None or held.address != frame.address:
             return "no change of this master waits for it"
-        return Passage(acts=True, written=held)
+        return Passage(acts=True, answered=False, written=held)
 
     def carry(self, frame: Frame, held: Frame | None) -> Conversation[Frame, Frame | None]:
         if frame.command is not Command.ACKNOWLEDGE:

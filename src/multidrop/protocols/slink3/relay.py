@@ -40,7 +40,7 @@ class Slink3Relay:
         if frame.is_answer:
             return "an answer, and no request"
         if frame.address > LAST_SLAVE:
-            return Passage(acts=True, hold=BROADCAST_HOLD, written=frame)
+            return Passage(acts=True, answered=False, hold=BROADCAST_HOLD, written=frame)
         if frame.code not in HARMLESS:
             return Passage(acts=True, refusal=_refusal(frame), written=frame)
         if frame.code == Command.BROADCAST_COMMAND_VERIFY:

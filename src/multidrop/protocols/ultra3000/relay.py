@@ -24,9 +24,10 @@ class Ultra3000Relay:
     def passage(self, frame: Frame, held: Frame | None) -> Passage[Frame] | str:
         if frame.is_refusal:
             return "an answer, and no request"
-        if frame.function in READS and self._is_answered(frame):
+        answered = self._is_answered(frame)
+        if frame.function in READS and answered:
             return Passage()
-        return Passage(acts=True, written=frame)
+        return Passage(acts=True, answered=answered, written=frame)
 
     def carry(self, frame: Frame, held: Frame | None) -> Conversation[Frame, Frame | None]:
         if not self._is_answered(frame):

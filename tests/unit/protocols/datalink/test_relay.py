@@ -39,7 +39,7 @@ def test_a_change_holds_the_line_and_changes_nothing_yet(change: Frame) -> None:
 
 
 def test_an_acknowledge_passes_for_its_own_change_only() -> None:
-    assert RELAY.passage(ACKNOWLEDGE, CHANGE) == Passage(acts=True, written=CHANGE)
+    assert RELAY.passage(ACKNOWLEDGE, CHANGE) == Passage(acts=True, answered=False, written=CHANGE)
     assert RELAY.passage(ACKNOWLEDGE, None) == NOT_OURS
     assert RELAY.passage(Frame(Command.ACKNOWLEDGE, 4), CHANGE) == NOT_OURS
     steps, answer = steps_of(RELAY.carry(ACKNOWLEDGE, CHANGE))

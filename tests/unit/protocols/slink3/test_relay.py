@@ -47,7 +47,7 @@ def test_nobody_answers_a_broadcast(address: int) -> None:
     """A read among them: whatever lies behind the last slave's address is for many, or for nobody."""
     for command in (Command.WRITE_TYPED_PARAMETER, Command.READ_TYPED_PARAMETER):
         frame = Frame(address, code=command)
-        expected = Passage(acts=True, hold=BROADCAST_HOLD, written=frame)
+        expected = Passage(acts=True, answered=False, hold=BROADCAST_HOLD, written=frame)
         assert RELAY.passage(frame, None) == expected
         carrying = RELAY.carry(frame, None)
         assert next(carrying) == Tell(frame)

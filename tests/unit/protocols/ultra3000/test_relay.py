@@ -30,7 +30,7 @@ def test_nobody_answers_a_broadcast(address: int, broadcast: int) -> None:
     relay = Ultra3000Relay(broadcast)
     for function in (0x0, 0x1):
         frame = Frame(address, 0x06D, function)
-        assert relay.passage(frame, None) == Passage(acts=True, written=frame)
+        assert relay.passage(frame, None) == Passage(acts=True, answered=False, written=frame)
         carrying = relay.carry(frame, None)
         assert next(carrying) == Tell(frame)
         with pytest.raises(StopIteration):
@@ -88,4 +88,4 @@ def test_nothing_is_said_at_the_end() -> None:
 def test_the_protocol_has_it() -> None:
     relay = PROTOCOLS["ultra3000"].relay({"broadcast": "7"})
     frame = Frame(7, 0x06D)
-    assert relay.passage(frame, None) == Passage(acts=True, written=frame)
+    assert relay.passage(frame, None) == Passage(acts=True, answered=False, written=frame)
