@@ -30,6 +30,7 @@ PATIENCE = 1.0
 SILENCE = 1.0
 """s without a byte that cut a client's frame short while its protocol is not known."""
 
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """Something that happened, in one line for a person and as a word for programs."""
@@ -135,7 +136,7 @@ class Share:
         client.hang_up()
 
     def put(self, client: Client, frame: Any) -> None:
-            assert client.protocol is not None
+        assert client.protocol is not None
         if self._protocol is None:
             self._speak(client.protocol)
         if client.protocol != self._protocol:
