@@ -182,12 +182,6 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         if exchange is not None and not exchange.done:
             self._send(exchange, exchange.advance(b"", self._now()))
 
-    async def gone(self) -> PortError:
-        """Wait until the port is lost or closed; returns why."""
-        await self._gone.wait()
-        assert self._lost is not None
-        return self._lost
-
     async def close(self) -> None:
         """Close the port and wait until it is free; whoever waits for an answer gets `PortError`."""
         for timer in self._timers:

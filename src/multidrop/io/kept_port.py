@@ -24,11 +24,20 @@ CLOSING = 2.0
 
 
 class KeptPort:
-    """The line on a port, while it is there. `on_open` is called whenever it is there again."""
+    """The line on a port, while it is there.
 
-    def __init__(self, target: Target, on_open: Callable[[], None]) -> None:
+    `on_open` is called whenever it is there again, `on_lost` whenever it is not any more.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        on_open: Callable[[], None],
+        on_lost: Callable[[], None] = lambda: None,
+    ) -> None:
         self._target = target
         self._on_open = on_open
+        self._on_lost = on_lost
         self._line: AsyncLine | None = None
         self._past = Counters()
         self.taps: list[Tap] = []
@@ -81,6 +90,8 @@ class KeptPort:
         finally:
             self.lost = line.lost or PortError(f"{line.name} was closed")
             self._past, self._line = self.counters, None
+            if line.lost is not None:
+                self._on_lost()
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CLOSING):
                     await line.close()

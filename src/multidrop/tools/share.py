@@ -8,6 +8,7 @@ and is recorded in the log of writes. A client that misbehaves harms nobody else
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -69,8 +70,7 @@ class Share:
         }
         self._clients: set[Client] = set()
         self._turns: ClientTurns[Client] = ClientTurns(PATIENCE)
-        self._port = SharedPort(lambda kind, text: tell(Event(kind, text)), watch)
-        self._told = asyncio.Event()
+        self._port = SharedPort(lambda kind, text: tell(Event(kind, text)), watch, self._lost)
         self._arrived = asyncio.Event()
         self._protocol: str | None = None
         self._loop = asyncio.get_running_loop()
@@ -83,29 +83,31 @@ class Share:
         """
         if self._rules.allow_writes:
             self._rules.audit.check()
-        if self._rules.protocol is not None:
-            self._speak(self._rules.protocol)
-            await self._port.open_first(self._targets[self._rules.protocol])
-        else:
-            await try_port(next(iter(self._targets.values())))
+        serving = asyncio.gather(self._port.keep_open(), self._serve(), self._say_if_closed())
+        listener = None
         try:
+            if self._rules.protocol is not None:
+                self._speak(self._rules.protocol)
+                await self._port.first_try()
+            else:
+                await try_port(next(iter(self._targets.values())))
             listener = await listen(where, self._answer)
-            try:
-                ready(listener)
-                async with asyncio.TaskGroup() as tasks:
-                    tasks.create_task(self._keep_open())
-                    tasks.create_task(self._serve())
-            finally:
-                listener.close()
-                for client in list(self._clients):
-                    client.hang_up()
+            ready(listener)
+            await serving
         finally:
-            await self._port.close()
+            if listener is not None:
+                listener.close()
+            for client in list(self._clients):
+                client.hang_up()
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
 
-    async def _keep_open(self) -> None:
-        await self._told.wait()
-        assert self._protocol is not None
-        await self._port.keep(self._targets[self._protocol], self._lost)
+    async def _say_if_closed(self) -> None:
+        """Where the first client that speaks finds no port."""
+        try:
+            await self._port.first_try()
+        except PortError as error:
+            self._tell(Event("port-closed", f"{error}; trying again"))
 
     def _lost(self) -> None:
         """What waits is not sent later: its masters have given it up by then."""
@@ -142,7 +144,7 @@ class Share:
         if client.protocol != self._protocol:
             self.hang_up(client, f"speaks {client.protocol}, and the line {self._protocol}")
             return
-        if self._port.was_open and self._port.line is None:
+        if self._port.away:
             self._drop(client)
             return
         passage = self._relays[self._protocol].passage(frame, None)
@@ -161,7 +163,7 @@ class Share:
         timing = self._targets[name].settings.timing(network=True)
         self.silence = timing.silence
         self._turns.patience = max(PATIENCE, timing.answer)
-        self._told.set()
+        self._port.settle(self._targets[name])
 
     # -- the line --------------------------------------------------------------------------
 
@@ -192,11 +194,9 @@ class Share:
 
     async def _let_go(self, frame: Any) -> None:
         assert self._protocol is not None
-        assert self._port.line is not None
-        try:
-            await self._port.line.run(self._relays[self._protocol].let_go(frame), Priority.WRITE)
-        except PortError:
-            await self._port.close()
+        relay = self._relays[self._protocol]
+        with contextlib.suppress(PortError):
+            await self._port.line.run(relay.let_go(frame), Priority.WRITE)
 
     async def _serve_one(self, turn: Waiting[Client]) -> None:
         client, frame = turn.client, turn.frame
@@ -237,10 +237,8 @@ class Share:
 
     async def _pass(self, client: Client, frame: Any, held: Any, passage: Passage[Any]) -> None:
         """Say it on the line, and tell its client the answer."""
-        line = self._port.line
-        assert line is not None
         assert self._protocol is not None
-        relay = self._relays[self._protocol]
+        line, relay = self._port.line, self._relays[self._protocol]
         for counts in (self.counts, client.counts):
             counts.requests += 1
         outcome, answer = Outcome.UNKNOWN, None
@@ -256,7 +254,7 @@ class Share:
         except NotApplied as late:
             self._not_passed(client, "not-passed", f"{self._described(frame)} not passed: {late}")
         except PortError:
-            await line.close()
+            pass  # the port says so itself
         finally:
             if answer is not None:
                 client.write(answer.encode())

@@ -8,12 +8,9 @@ from collections.abc import Callable, Mapping
 from multidrop.errors import PortError, UsageError
 from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.connection import Target
-from multidrop.io.line import Tap
+from multidrop.io.kept_port import KeptPort
 from multidrop.naming import DeviceName, LineOptions
 from multidrop.protocols import PROTOCOLS
-
-FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0
-"""s between two attempts to open the port again: each time twice as long."""
 
 Watch = Callable[[AsyncLine, Target], None]
 """Puts taps on a line that was just opened for the first time."""
@@ -35,67 +32,72 @@ def targets(port: str, options: Mapping[str, str]) -> dict[str, Target]:
 
 
 class SharedPort:
-    """Keeps the port of `target` open. `line` is None while it is not."""
+    """Keeps the port open once its protocol is known, and says when it is lost and back."""
 
-    def __init__(self, say: Callable[[str, str], None], watch: Watch) -> None:
-        self.line: AsyncLine | None = None
+    def __init__(
+        self, say: Callable[[str, str], None], watch: Watch, lost: Callable[[], None]
+    ) -> None:
+        self.target: Target | None = None
         self.open = asyncio.Event()
-        self.was_open = False
+        self._known = asyncio.Event()
         self._say = say
         self._watch = watch
-        self._taps: list[Tap] = []
+        self._lost = lost
+        self._kept: KeptPort | None = None
 
-    async def open_first(self, target: Target) -> None:
-        """Open it, for what it is worth: a port that is not there is told at once. Raises `PortError`."""
-        await self._open(target)
+    @property
+    def line(self) -> AsyncLine:
+        """Raises `PortError` while the port is away."""
+        if self._kept is None:
+            raise PortError("nobody has spoken yet, the port is not open")
+        return self._kept.line
 
-    async def keep(self, target: Target, lost: Callable[[], None]) -> None:
-        """Open it, and open it again whenever it is lost; calls `lost` each time."""
-        pause = FIRST_PAUSE
-        said = ""
-        loop = asyncio.get_running_loop()
-        while True:
-            if self.line is None:
-                try:
-                    await self._open(target)
-                except PortError as error:
-                    if str(error) != said:
-                        said = str(error)
-                        self._say("port-closed", f"{error}; trying again")
-                    await asyncio.sleep(pause)
-                    pause = min(2 * pause, LONGEST_PAUSE)
-                    continue
-            assert self.line is not None
-            opened_at, said = loop.time(), ""
-            why = await self.line.gone()
-            self.line = None
-            self.open.clear()
-            lost()
-            self._say("port-lost", f"{why}; clients hear nothing until it is back, trying again")
-            if loop.time() - opened_at > LONGEST_PAUSE:
-                pause = FIRST_PAUSE
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, LONGEST_PAUSE)
+    @property
+    def away(self) -> bool:
+        """Whether it was open, and is not."""
+        return not self.open.is_set() and self._kept is not None and self._kept.times_opened > 0
 
-    async def _open(self, target: Target) -> None:
-        line = await opened(target.port, target.settings, target.options)
-        if not self.was_open:
-            self._watch(line, target)
-            self._taps = line.taps
-        line.taps = self._taps  # a capture goes on where it was
-        settings = target.settings
-        again = "open again" if self.was_open else "open"
-        self.line = line
-        self.was_open = True
-        self.open.set()
+    def settle(self, target: Target) -> None:
+        """The protocol is known, and so are the settings."""
+        self.target = target
+        self._kept = KeptPort(target, self._was_opened, self._was_lost)
+        self._known.set()
+
+    async def keep_open(self) -> None:
+        """Until cancelled."""
+        await self._known.wait()
+        assert self._kept is not None
+        await self._kept.keep_open()
+
+    async def first_try(self) -> None:
+        """Wait until it was tried to open it. Raises `PortError` where that failed."""
+        await self._known.wait()
+        assert self._kept is not None
+        await self._kept.tried.wait()
+        if self._kept.lost is not None:
+            raise self._kept.lost
+
+    def _was_opened(self) -> None:
+        assert self._kept is not None
+        assert self.target is not None
+        if self._kept.times_opened == 1:
+            self._watch(self._kept.line, self.target)  # a capture goes on over all openings
+        again = " again" if self._kept.times_opened > 1 else ""
+        settings = self.target.settings
         self._say(
             "port-open",
-            f"{target.port} is {again}: {target.protocol.name} {settings.baud} {settings.format}",
+            f"{self.target.port} is open{again}: {self.target.protocol.name} {settings.baud} "
+            f"{settings.format}",
         )
+        self.open.set()
 
-    async def close(self) -> None:
-        if self.line is not None:
-            await self.line.close()
+    def _was_lost(self) -> None:
+        assert self._kept is not None
+        self.open.clear()
+        self._lost()
+        self._say(
+            "port-lost", f"{self._kept.lost}; clients hear nothing until it is back, trying again"
+        )
 
 
 async def try_port(target: Target) -> None:
