@@ -6,24 +6,19 @@ from collections.abc import Sequence
 
 import click
 
-from multidrop.errors import UsageError
 from multidrop.io.capture import CaptureTap, CaptureWriter, Known
 from multidrop.io.connection import Target
-from multidrop.io.line import Line
+from multidrop.io.line import Tap
 from multidrop.plantfile import PlantDevice
 
 
-def capture_line(line: Line, target: Target, path: str, others: Sequence[PlantDevice]) -> None:
-    """Record what passes on a line until the command ends. Raises `UsageError`, the line closed."""
-    try:
-        writer = CaptureWriter.create(path)
-    except UsageError:
-        line.close()
-        raise
+def capture_to(taps: list[Tap], target: Target, path: str, others: Sequence[PlantDevice]) -> None:
+    """Record what passes on the line of these taps until the command ends. Raises `UsageError`."""
+    writer = CaptureWriter.create(path)
     tap = CaptureTap(
         writer, target.protocol, target.settings, target.port, known_devices(target, others)
     )
-    line.taps.append(tap)
+    taps.append(tap)
     click.get_current_context().call_on_close(lambda: end_capture(writer, tap, path))
 
 

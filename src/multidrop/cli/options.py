@@ -16,7 +16,7 @@ from multidrop.catalog import load_profile, profile_file
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
-from multidrop.io.line import Line
+from multidrop.io.line import Line, Tap
 from multidrop.naming import LINE_KEYS, parse_device
 
 if TYPE_CHECKING:
@@ -85,17 +85,25 @@ class Common:
         return connection
 
     def watch(self, line: Line, target: Target) -> None:
-        """Put a trace and a capture on a line if those were asked for. Raises `UsageError`."""
+        """Put a trace and a capture on a line if asked for. Raises `UsageError`, the line closed."""
+        try:
+            self.tap(line.taps, target)
+        except UsageError:
+            line.close()
+            raise
+
+    def tap(self, taps: list[Tap], target: Target) -> None:
+        """The same for the taps of any line, which stays as it is."""
         if self.trace:
             from multidrop.cli.trace import Trace
 
             trace = Trace(target.protocol, target.settings.decoder, sys.stderr)
-            line.taps.append(trace)
+            taps.append(trace)
             click.get_current_context().call_on_close(trace.finish)
         if self.capture:
-            from multidrop.cli.capturing import capture_line
+            from multidrop.cli.capturing import capture_to
 
-            capture_line(line, target, self.capture, self._known_on(target))
+            capture_to(taps, target, self.capture, self._known_on(target))
 
     def _known_on(self, target: Target) -> list[PlantDevice]:
         """The devices that the plant file has on the same port."""

@@ -57,7 +57,7 @@ def share(
 async def _share(common: Common, found: Any, rules: Rules, where: str) -> None:
     """Share until Ctrl-C or SIGTERM, then say what was done."""
     said = _Said(common.json)
-    sharing = Share(found, rules, said.event, common.watch)
+    sharing = Share(found, rules, said.event, common.tap)
     running = asyncio.ensure_future(sharing.run(where, lambda at: said.ready(at, rules)))
     with contextlib.suppress(NotImplementedError):  # Windows
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)

@@ -58,7 +58,7 @@ class Share:
         targets: Mapping[str, Target],
         rules: Rules,
         tell: Callable[[Event], None],
-        watch: Watch = lambda line, target: None,
+        watch: Watch = lambda taps, target: None,
     ) -> None:
         self.counts = Counts()
         self.silence = SILENCE

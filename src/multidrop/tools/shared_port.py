@@ -9,11 +9,12 @@ from multidrop.errors import PortError, UsageError
 from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.connection import Target
 from multidrop.io.kept_port import KeptPort
+from multidrop.io.line import Tap
 from multidrop.naming import DeviceName, LineOptions
 from multidrop.protocols import PROTOCOLS
 
-Watch = Callable[[AsyncLine, Target], None]
-"""Puts taps on a line that was just opened for the first time."""
+Watch = Callable[[list[Tap], Target], None]
+"""Adds to the taps of a line whose protocol was just told. Raises `UsageError`."""
 
 
 def targets(port: str, options: Mapping[str, str]) -> dict[str, Target]:
@@ -64,9 +65,11 @@ class SharedPort:
         self._known.set()
 
     async def keep_open(self) -> None:
-        """Until cancelled."""
+        """Until cancelled. Raises `UsageError`."""
         await self._known.wait()
         assert self._kept is not None
+        assert self.target is not None
+        self._watch(self._kept.taps, self.target)  # a capture goes on over all openings
         await self._kept.keep_open()
 
     async def first_try(self) -> None:
@@ -80,8 +83,6 @@ class SharedPort:
     def _was_opened(self) -> None:
         assert self._kept is not None
         assert self.target is not None
-        if self._kept.times_opened == 1:
-            self._watch(self._kept.line, self.target)  # a capture goes on over all openings
         again = " again" if self._kept.times_opened > 1 else ""
         settings = self.target.settings
         self._say(
