@@ -40,7 +40,7 @@ def test_sigterm_is_a_clean_end() -> None:
         (("flexmax:0", "--listen", "pty", "--delay", "-1"), "--delay and --late are times"),
         (("flexmax:0", "--listen", "pty", "--baud", "9"), "baud rate 9 is out of range"),
         (("nowhere.toml",), "nowhere.toml: No such file"),
-        ((), "Missing argument"),
+        ((), "which devices? As in flexmax:0"),
     ],
 )
 def test_what_cannot_be_simulated(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
@@ -148,4 +148,4 @@ def test_a_plant_file_and_listen(tmp_path: Path) -> None:
     )
     ran = multidrop("simulate", str(plant), "--listen", "tcp://127.0.0.1:0")
     assert ran.status == 2
-    assert "leave --listen away" in ran.err
+    assert "leave --listen and --stuffing away" in ran.err

@@ -273,3 +273,35 @@ def test_the_plant_file_names_the_devices_of_a_capture(tmp_path: Path) -> None:
     ran = multidrop("decode", str(path), "--device", "winder", cwd=tmp_path)
     assert "winder" in ran.out
     assert "read speed (1009) = 125 rpm" in ran.out
+
+
+# -- simulate --from -------------------------------------------------------------------------------
+
+
+def test_a_capture_is_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    points = ("1009", "1111", "77")
+    with tapped("ax-v:2") as (port, _):
+        first = multidrop("read", f"ax-v:2@{port}", *points, "--json", "--capture", str(path))
+    with running("simulate", "--from", str(path), "--listen", "tcp://127.0.0.1:0") as replaying:
+        port = replaying.wait_for("listening on ").removeprefix("listening on ")
+        again = multidrop("read", f"ax-v:2@{port}", *points, "78", "--json")
+        said = replaying.interrupt().err
+    assert [line.get("raw") for line in again.objects[:3]] == [
+        line.get("raw") for line in first.objects
+    ]
+    assert [line["error"]["code"] for line in again.objects[2:]] == [1, 1]
+    assert "learned from slink3 9600 8E1 tcp://" in said
+    assert "address 2 (ax-v): 3 questions, 3 answers" in said
+
+
+def test_what_cannot_be_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcapng"
+    for arguments, message in (
+        (("--from", str(path), "--listen", "pty"), "No such file"),
+        (("--from", str(path), "ax-v:1", "--listen", "pty"), "has its own devices"),
+        (("--from", str(path)), "where? --listen"),
+    ):
+        ran = multidrop("simulate", *arguments)
+        assert ran.status == 2
+        assert message in ran.err

@@ -16,7 +16,8 @@ def capture_to(taps: list[Tap], target: Target, path: str, others: Sequence[Plan
     """Record what passes on the line of these taps until the command ends. Raises `UsageError`."""
     writer = CaptureWriter.create(path)
     tap = CaptureTap(
-        writer, target.protocol, target.settings, target.port, known_devices(target, others)
+        *(writer, target.protocol, target.settings, target.port, known_devices(target, others)),
+        own=target.options.own,
     )
     taps.append(tap)
     click.get_current_context().call_on_close(lambda: end_capture(writer, tap, path))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -20,15 +21,17 @@ from multidrop.profile import Profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import LATE, RandomFaults, parse_fault
-from multidrop.sim.line import LineFaults, Pace, SimulatedLine
+from multidrop.sim.line import LineFaults, Pace, SimulatedDevice, SimulatedLine
 from multidrop.sim.serve import serve, serve_ears
+from multidrop.timing import LineSettings
 
 
 @click.command(
     epilog="Example: multidrop simulate flexmax:0+dgfc386 ax-v:2 --listen tcp://127.0.0.1:4001 "
     "- then, in another terminal: multidrop read ax-v:2@tcp://127.0.0.1:4001 1009"
 )
-@click.argument("devices", nargs=-1, required=True, metavar="PLANT.toml | PROFILE:ADDRESS...")
+@click.argument("devices", nargs=-1, metavar="[PLANT.toml | PROFILE:ADDRESS...]")
+@click.option("--from", "capture", metavar="FILE", help="devices that answer as in this capture")
 @click.option("--listen", metavar="WHERE", help="tcp://127.0.0.1:4001 or pty[:LINK]")
 @click.option(
     "--tap", metavar="WHERE", help="where others may listen to the line: tcp://... or pty[:LINK]"
@@ -48,6 +51,7 @@ from multidrop.sim.serve import serve, serve_ears
 @click.option("--seed", type=int, help="the same faults again")
 def simulate(
     devices: tuple[str, ...],
+    capture: str | None,
     listen: str | None,
     tap: str | None,
     pace: bool,
@@ -69,7 +73,13 @@ def simulate(
     if min(burst, delay, late) < 0:
         raise UsageError("--burst, --delay and --late are times: 0 or more")
     own = {} if stuffing is None else {"stuffing": stuffing}
-    if devices[0].endswith(".toml"):
+    if capture is not None:
+        if devices or own:
+            raise UsageError("--from FILE has its own devices and keys")
+        lines = [(_where(listen), _of_capture(capture))]
+    elif not devices:
+        raise UsageError("which devices? As in flexmax:0 ax-v:2, a plant file, or --from a capture")
+    elif devices[0].endswith(".toml"):
         if listen or own:
             raise UsageError(
                 "a plant file has its own ports and keys: leave --listen and --stuffing away"
@@ -90,43 +100,56 @@ def simulate(
     asyncio.run(_serve(served, tap))
 
 
-class _Planned:
-    """A line to simulate, and its settings: the first profile's, with the line's own keys."""
+class _Planned(NamedTuple):
+    """A line to simulate, and its settings."""
 
-    def __init__(
-        self, devices: list[tuple[Profile, int, str | None]], keys: Mapping[str, str]
-    ) -> None:
-        protocols = {profile.protocol for profile, _, _ in devices}
-        if len(protocols) > 1:
-            raise UsageError(
-                f"one line has one protocol, these have {' and '.join(sorted(protocols))}"
-            )
-        addresses = [address for _, address, _ in devices]
-        for address in addresses:
-            if addresses.count(address) > 1:
-                raise UsageError(f"address {address} is used twice on one line")
-        protocol = PROTOCOLS[protocols.pop()]
-        options = LineOptions.parse(keys, protocol.options)
-        self.settings = line_settings(protocol, devices[0][0], options)
-        self.simulated = SimulatedLine(
-            [simulated_device(*device) for device in devices],
-            self.settings.decoder,
-            character=self.settings.character,
-        )
+    settings: LineSettings
+    simulated: SimulatedLine
+
+
+def _plan(devices: list[tuple[Profile, int, str | None]], keys: Mapping[str, str]) -> _Planned:
+    """The settings are the first profile's, with the line's own keys."""
+    protocols = {profile.protocol for profile, _, _ in devices}
+    if len(protocols) > 1:
+        raise UsageError(f"one line has one protocol, these have {' and '.join(sorted(protocols))}")
+    addresses = [address for _, address, _ in devices]
+    for address in addresses:
+        if addresses.count(address) > 1:
+            raise UsageError(f"address {address} is used twice on one line")
+    protocol = PROTOCOLS[protocols.pop()]
+    settings = line_settings(protocol, devices[0][0], LineOptions.parse(keys, protocol.options))
+    return _line([simulated_device(*device) for device in devices], settings)
+
+
+def _line(devices: Sequence[SimulatedDevice], settings: LineSettings) -> _Planned:
+    simulated = SimulatedLine(devices, settings.decoder, character=settings.character)
+    return _Planned(settings, simulated)
+
+
+def _of_capture(file: str) -> _Planned:
+    from multidrop.sim.replay import learn
+
+    learned = learn(file)
+    for text in learned.lines():
+        click.echo(text, err=True)
+    return _line(learned.devices, learned.settings)
+
+
+def _where(listen: str | None) -> str:
+    if listen is None:
+        raise UsageError("where? --listen tcp://127.0.0.1:4001 or --listen pty:/tmp/drive")
+    return listen
 
 
 def _named(
     devices: tuple[str, ...], listen: str | None, keys: Mapping[str, str]
 ) -> list[tuple[str, _Planned]]:
-    if listen is None:
-        raise UsageError("where? --listen tcp://127.0.0.1:4001 or --listen pty:/tmp/drive")
+    where = _where(listen)
     named = [parse_simulated(text) for text in devices]
     return [
         (
-            listen,
-            _Planned(
-                [(load_profile(name), address, behind) for name, address, behind in named], keys
-            ),
+            where,
+            _plan([(load_profile(name), address, behind) for name, address, behind in named], keys),
         )
     ]
 
@@ -139,7 +162,7 @@ def _of_plant(file: str) -> list[tuple[str, _Planned]]:
         if there:
             devices = [(item.profile, item.device.address or 0, item.behind) for item in there]
             where = port if "://" in port else f"pty:{port}"
-            planned = _Planned(devices, there[0].device.options)
+            planned = _plan(devices, there[0].device.options)
             lines.append((where.replace("rfc2217://", "tcp://"), planned))
     if not lines:
         raise UsageError(f"{file} has no devices to simulate")

@@ -113,7 +113,8 @@ class _Line:
             baud=self.settings.baud, format=self.settings.format
         )
         found = self._found
-        return Listened(self._port, protocol, settings, found.profiles, found.names)
+        own = {key: text for key, text in self.options.own.items() if key in protocol.options}
+        return Listened(self._port, protocol, settings, found.profiles, found.names, own)
 
     def _settings(self, protocol: ProtocolModule) -> LineSettings:
         profile = next(iter(self._found.profiles.values()), None)

@@ -11,7 +11,7 @@ import errno
 import os
 import platform
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import BinaryIO
@@ -55,8 +55,9 @@ class CaptureWriter:
         settings: LineSettings,
         port: str = "",
         devices: Iterable[Known] = (),
+        own: Mapping[str, str] | None = None,
     ) -> int:
-        """Describe a line; returns the number that its packets name it by."""
+        """Describe a line, `own` are the protocol's own keys; returns the number of the line."""
         name = protocol.name if protocol is not None else "raw"
         said: list[pcapng.Option] = [
             (pcapng.INTERFACE_NAME, port.encode()),
@@ -69,6 +70,8 @@ class CaptureWriter:
         for known in devices:
             line = f"device {known.address} {known.profile} {known.name}".rstrip()
             said.append((pcapng.COMMENT, line.encode()))
+        for key, value in (own or {}).items():
+            said.append((pcapng.COMMENT, f"option {key} {value}".encode()))
         link_type = protocol.link_type if protocol is not None else RAW
         self._write(pcapng.interface(link_type, said))
         self._interfaces += 1
@@ -118,11 +121,12 @@ class CaptureTap:
         port: str = "",
         devices: Iterable[Known] = (),
         *,
+        own: Mapping[str, str] | None = None,
         wall: Callable[[float], int] | None = None,
     ) -> None:
-        """`wall` gives the ns since 1970 of a monotonic time."""
+        """`own` are the protocol's own keys; `wall` gives the ns since 1970 of a monotonic time."""
         self._writer = writer
-        self._line = writer.add_line(protocol, settings, port, devices)
+        self._line = writer.add_line(protocol, settings, port, devices, own)
         self._cutter = Cutter(settings, network="://" in port)
         self._wall = wall or WallClock()
 

@@ -15,6 +15,7 @@ from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
 from multidrop.io import pcapng
 from multidrop.protocols import PROTOCOLS
+from multidrop.timing import Format, LineSettings
 
 RAW = 150
 """Link type (LINKTYPE_USER3) of bytes of no known protocol, in pieces as they came."""
@@ -44,6 +45,7 @@ class Interface:
     description: str = ""
     baud: int | None = None
     devices: Mapping[int, Known] = field(default_factory=dict)
+    own: Mapping[str, str] = field(default_factory=dict)  # keys of its protocol's own
     ticks: int = 10**9  # of the file's clock in a second
     offset: int = 0  # s that its times are to be moved by
 
@@ -54,6 +56,16 @@ class Interface:
             if PROTOCOLS[name].link_type == self.link_type:
                 return PROTOCOLS[name]
         return None
+
+    def settings(self, protocol: ProtocolModule) -> LineSettings:
+        """Those of a protocol, with baud rate, format and keys that the capture was made with."""
+        try:
+            settings = protocol.line_for(self.own)
+            words = self.description.split()
+            character = Format.parse(words[2]) if len(words) == 3 else None
+            return settings.with_options(baud=self.baud, format=character)
+        except UsageError:  # of another program
+            return protocol.line
 
 
 class Packet(NamedTuple):
@@ -254,7 +266,7 @@ def _said_of_packet(body: bytes, at: int, order: str) -> tuple[int, str]:
 def _interface(body: bytes, order: str) -> Interface:
     (link_type,) = struct.unpack_from(f"{order}H", body)
     found = Interface(link_type, ticks=10**6)
-    devices = {}
+    devices, own = {}, {}
     for code, value in pcapng.read_options(body, 8, order):
         if code == pcapng.INTERFACE_NAME:
             found = replace(found, name=value.decode(errors="replace"))
@@ -268,10 +280,15 @@ def _interface(body: bytes, order: str) -> Interface:
         elif code == pcapng.INTERFACE_OFFSET and len(value) == 8:
             found = replace(found, offset=struct.unpack(f"{order}q", value)[0])
         elif code == pcapng.COMMENT:
-            known = _known(value.decode(errors="replace"))
+            comment = value.decode(errors="replace")
+            known = _known(comment)
             if known is not None:
                 devices[known.address] = known
-    return replace(found, devices=devices)
+            word, _, option = comment.partition(" ")
+            if word == "option":
+                key, _, setting = option.partition(" ")
+                own[key] = setting
+    return replace(found, devices=devices, own=own)
 
 
 def _known(comment: str) -> Known | None:

@@ -124,3 +124,8 @@ def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedIn
         )
     inside: Inside = Still(address) if profile.dialect == "map-b" else Controller(address)
     return SimulatedInstrument(address, inside, configuration_port=behind == "port")
+
+
+def unknown(question: Frame) -> bytes | None:
+    """An instrument never refuses: what it does not like, it does not answer."""
+    return None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from multidrop.decoder import Decoder
 from multidrop.events import Damaged, FrameReceived
@@ -14,13 +14,22 @@ from multidrop.sim.faults import LATE, NOISE, Fault, Faults, NoFaults
 FOREVER = float("inf")
 
 
+class Later(NamedTuple):
+    """An answer that its device takes so long for, in s."""
+
+    answer: bytes
+    after: float
+
+
 class SimulatedDevice(Protocol):
     """One slave of a simulated line."""
 
     @property
     def address(self) -> int: ...
 
-    def receive(self, events: list[FrameReceived[Any] | Damaged], now: float) -> list[bytes]:
+    def receive(
+        self, events: list[FrameReceived[Any] | Damaged], now: float
+    ) -> Sequence[bytes | Later]:
         """The answers to what the line's decoder found, ready to send."""
         ...
 
@@ -153,6 +162,9 @@ class Connection:
         for device in line.devices:
             for answer in device.receive(events, now):
                 at = now + line.pace.answer_delay
+                if isinstance(answer, Later):
+                    answer, after = answer
+                    at += after
                 if not line.pace.character and any(answer == event.raw for event in events):
                     at += len(answer) * line.character
                 self._reply(device, answer, at)

@@ -9,7 +9,9 @@ from multidrop.errors import UsageError
 from multidrop.events import Damaged, FrameReceived
 from multidrop.profile import Profile
 from multidrop.protocols.slink3 import AX_V, DGFC386, FLEXMAX, SLINK3, Dialect, Format, Frame, Slave
+from multidrop.protocols.slink3.frame import ANSWER
 from multidrop.protocols.slink3.messages import (
+    READS,
     WRITES,
     Command,
     Response,
@@ -262,3 +264,11 @@ def _add_described(slave: SimulatedSlave, profile: Profile) -> None:
             None if item.maximum is None else float(item.unscaled(item.maximum)),
             read_only="w" not in item.access,
         )
+
+
+def unknown(question: Frame) -> bytes | None:
+    """What a slave says to a question that it knows nothing about."""
+    asked = question.code in READS or question.code in WRITES
+    code = Response.PARAMETER_NOT_EXIST if asked else Response.UNKNOWN_COMMAND
+    order = question.order & 0x0E | ANSWER
+    return Frame(question.address, question.control, order, code).encode()

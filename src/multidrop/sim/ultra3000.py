@@ -200,3 +200,10 @@ def simulated(profile: Profile, address: int, behind: str | None) -> SimulatedUl
     if behind is not None:
         raise UsageError(f"{profile.name} has no {behind} behind it")
     return SimulatedUltra3000(address, load_profile("ultra3000"))
+
+
+def unknown(question: Frame) -> bytes | None:
+    """What a drive says to a question that it knows nothing about."""
+    if question.is_refusal:
+        return None
+    return Slave(question.address).answer(Request(question), Reply(Refusal.INVALID_FUNCTION))

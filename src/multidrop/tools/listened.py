@@ -11,7 +11,7 @@ from multidrop.errors import UsageError
 from multidrop.io.captured import Interface
 from multidrop.observer import Observer
 from multidrop.profile import Profile
-from multidrop.timing import Format, LineSettings
+from multidrop.timing import LineSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,7 @@ class Listened:
     settings: LineSettings
     profiles: Mapping[int, Profile] = field(default_factory=dict)
     names: Mapping[int, str] = field(default_factory=dict)
+    own: Mapping[str, str] = field(default_factory=dict)  # keys of the protocol's own
 
     def observer(self, *, network: bool = False) -> Observer:
         """Follows it. Raises `UsageError` for a profile of another protocol."""
@@ -67,18 +68,9 @@ def of_interface(
     line = Listened(
         interface.name,
         protocol,
-        interface_settings(interface, protocol.line),
+        interface.settings(protocol),
         {**known, **profiles},
         {**called, **names},
+        interface.own,
     )
     return line, unknown
-
-
-def interface_settings(interface: Interface, settings: LineSettings) -> LineSettings:
-    """A protocol's settings with the baud rate and format that the capture was made with."""
-    words = interface.description.split()
-    try:
-        character = Format.parse(words[2]) if len(words) == 3 else None
-        return settings.with_options(baud=interface.baud, format=character)
-    except UsageError:
-        return settings

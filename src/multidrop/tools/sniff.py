@@ -73,7 +73,9 @@ class Sniffer:
                 Known(address, profile.name, self.line.names.get(address, ""))
                 for address, profile in self.line.profiles.items()
             ]
-            self._number = self._writer.add_line(protocol, self.line.settings, self._name, devices)
+            self._number = self._writer.add_line(
+                protocol, self.line.settings, self._name, devices, self.line.own
+            )
 
     def run(self) -> Iterator[list[Heard]]:
         """What is heard, as it comes; an empty list now and then. Raises `PortError`."""
