@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from hypothesis import strategies as st
@@ -22,7 +23,7 @@ from multidrop.timing import LineSettings
 Converse = Callable[[], Conversation[Any, Any]]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Row:
     """A protocol as the properties need it."""
 
@@ -94,14 +95,18 @@ _DEVICE_CALLS: list[Callable[[Any], Conversation[Any, Any]]] = [
 ]
 
 
+profile_of = cache(load_profile)
+"""A profile that is read once for all cases."""
+
+
 def _device_call(address: int, profile: str, call: int) -> Converse:
     protocol = PROTOCOLS["slink3"]
-    return lambda: _DEVICE_CALLS[call](protocol.device(address, load_profile(profile), {}))
+    return lambda: _DEVICE_CALLS[call](protocol.device(address, profile_of(profile), {}))
 
 
 def _broadcast(profile: str, addresses: list[int], keep_going: bool) -> Converse:
     return PROTOCOLS["slink3"].prepare_broadcast(
-        load_profile(profile), [("8236:int16", "7")], addresses, {}, keep_going=keep_going
+        profile_of(profile), [("8236:int16", "7")], addresses, {}, keep_going=keep_going
     )
 
 
@@ -155,6 +160,7 @@ def damaged(raw: SearchStrategy[bytes]) -> SearchStrategy[bytes]:
     )
 
 
+@cache
 def noise(row: Row) -> SearchStrategy[bytes]:
     """Anything, and what may be taken for the beginning of a frame."""
     telling = st.lists(st.sampled_from(row.telling), max_size=8).map(bytes)
@@ -162,8 +168,13 @@ def noise(row: Row) -> SearchStrategy[bytes]:
     return st.binary(max_size=12) | telling | long
 
 
+@cache
 def streams(row: Row) -> SearchStrategy[bytes]:
-    """What a line may carry: frames, damaged frames and noise."""
+    """What a line may carry: frames, damaged frames and noise.
+
+    Made once, as all strategies that are drawn from within a test should be: making
+    one anew for each draw takes longer than the draw.
+    """
     raw = row.frames.map(lambda frame: bytes(frame.encode()))
     return st.lists(raw | damaged(raw) | noise(row), max_size=6).map(b"".join)
 

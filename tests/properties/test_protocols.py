@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import re
 from contextlib import suppress
+from functools import cache
 from typing import Any
 
 import pytest
@@ -62,11 +63,17 @@ def test_after_silence_the_next_frame_is_found(row: Row, data: DataObject) -> No
 @every_protocol
 @given(data=st.data())
 def test_bytes_that_begin_no_frame_cost_no_frame(row: Row, data: DataObject) -> None:
-    noise = st.lists(st.sampled_from(row.harmless), max_size=5).map(bytes)
-    frames = data.draw(st.lists(row.frames, max_size=4))
+    noise, some_frames = harmless(row)
+    frames = data.draw(some_frames)
     stream = b"".join(data.draw(noise) + frame.encode() for frame in frames) + data.draw(noise)
     found = [event.frame for event in events_of(row, [stream]) if type(event) is FrameReceived]
     assert found == frames
+
+
+@cache
+def harmless(row: Row) -> tuple[st.SearchStrategy[bytes], st.SearchStrategy[list[Any]]]:
+    noise = st.lists(st.sampled_from(row.harmless), max_size=5).map(bytes)
+    return noise, st.lists(row.frames, max_size=4)
 
 
 @every_protocol
@@ -87,16 +94,16 @@ def test_no_input_raises_in_a_slave(row: Row, data: DataObject, sizes: list[int]
 def test_no_input_raises_in_a_master(row: Row, data: DataObject) -> None:
     """A line that answers well, badly, late or not at all; the one after it is served as ever."""
     now = 10.0
-    session = new_session(row, data.draw(st.none() | st.booleans()))
+    session = new_session(row, data.draw(ECHO))
     slave, reply = data.draw(row.slaves), data.draw(row.replies)
     exchange = Exchange(data.draw(row.conversations)(), session)
     sent = exchange.start(now)
-    for _ in range(data.draw(st.integers(0, 8))):
+    for _ in range(data.draw(STEPS)):
         if exchange.done:
             break
-        heard = data.draw(_heard(row, answers(slave, sent, reply), sent))
-        now += data.draw(st.floats(0, 0.05) | st.floats(0, 2))
-        sent = exchange.advance(heard, now, damaged=data.draw(st.booleans()) and bool(heard))
+        heard = _heard(data, row, answers(slave, sent, reply), sent)
+        now += data.draw(PAUSE)
+        sent = exchange.advance(heard, now, damaged=data.draw(DAMAGED) and bool(heard))
     now = let_end(exchange, now)
     with suppress(errors.Error):
         exchange.result()
@@ -147,10 +154,22 @@ def served(
     return type(found), re.sub(r"\b([0-9A-F]{2} )*[0-9A-F]{2}\b", "", repr(found) + str(found))
 
 
-def _heard(row: Row, answer: bytes, sent: bytes) -> st.SearchStrategy[bytes]:
+def _heard(data: DataObject, row: Row, answer: bytes, sent: bytes) -> bytes:
     """Bytes after a request: a slave's answer, as it is or with something wrong, or anything."""
-    return (
-        st.sampled_from([b"", answer, answer, sent + answer, answer[: len(answer) // 2]])
-        | streams(row).map(lambda noise: noise + answer)
-        | streams(row)
-    )
+    what = data.draw(HEARD)
+    if what == "noise":
+        return data.draw(streams(row))
+    if what == "behind noise":
+        return data.draw(streams(row)) + answer
+    if what == "echo":
+        return sent + answer
+    return {"nothing": b"", "answer": answer, "half": answer[: len(answer) // 2]}[what]
+
+
+ECHO = st.none() | st.booleans()
+STEPS = st.integers(0, 8)
+PAUSE = st.floats(0, 0.05) | st.floats(0, 2)
+DAMAGED = st.booleans()
+HEARD = st.sampled_from(
+    ["answer", "nothing", "echo", "half", "noise", "noise", "noise", "behind noise", "behind noise"]
+)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
+from strategies import profile_of
 
 from multidrop import errors
-from multidrop.catalog import load_profile
 from multidrop.conversation import Ask
 from multidrop.exchange import Exchange, Session
 from multidrop.points import Role
@@ -35,6 +36,7 @@ INTEGERS = {
 }
 
 
+@cache
 def values_of(type_code: Format) -> st.SearchStrategy[Any]:
     if type_code in INTEGERS:
         bits, signed = INTEGERS[type_code]
@@ -99,7 +101,7 @@ TEXTS = st.lists(st.sampled_from(PIECES), max_size=8).map("".join) | st.text(max
 
 @given(PROFILES, TEXTS)
 def test_any_text_is_a_point_or_is_refused(name: str, text: str) -> None:
-    device = PROTOCOLS["slink3"].device(1, load_profile(name), {})
+    device = PROTOCOLS["slink3"].device(1, profile_of(name), {})
     try:
         point = device.point(text)
     except errors.UsageError:
@@ -117,7 +119,7 @@ def test_any_text_is_a_point_or_is_refused(name: str, text: str) -> None:
 
 @given(PROFILES, TEXTS, st.text(max_size=8) | st.integers() | st.floats(), st.booleans())
 def test_any_write_is_prepared_or_refused(name: str, text: str, value: Any, force: bool) -> None:
-    device = PROTOCOLS["slink3"].device(1, load_profile(name), {})
+    device = PROTOCOLS["slink3"].device(1, profile_of(name), {})
     with suppress(errors.UsageError):
         write = device.prepare_write(text, value, force=force)
         assert write.value is value or isinstance(value, str)
@@ -125,7 +127,7 @@ def test_any_write_is_prepared_or_refused(name: str, text: str, value: Any, forc
 
 @given(PROFILES, TEXTS | st.binary(max_size=260).map(bytes.hex))
 def test_any_raw_command_is_prepared_or_refused(name: str, text: str) -> None:
-    device = PROTOCOLS["slink3"].device(1, load_profile(name), {})
+    device = PROTOCOLS["slink3"].device(1, profile_of(name), {})
     with suppress(errors.UsageError):
         step = next(device.prepare_raw(text)())
         assert isinstance(step, Ask)
@@ -153,7 +155,7 @@ class BadLine:
         self._coming: list[tuple[float, bytes]] = []
 
     def receive(self, sent: bytes, now: float) -> None:
-        fate = self._data.draw(st.sampled_from(FATES))
+        fate = self._data.draw(FATE)
         if fate == "request lost":
             return
         for request in self.slave.receive_data(sent):
@@ -170,14 +172,14 @@ class BadLine:
         if fate == "answer lost":
             return []
         if fate == "late":  # a sequence number that was given up on rests so long
-            return [(at + self._data.draw(st.floats(1.4, 2.9)), answer)]
+            return [(at + self._data.draw(LATE_BY), answer)]
         if fate == "twice":
-            return [(at, answer), (at + self._data.draw(st.floats(0, 1)), answer)]
+            return [(at, answer), (at + self._data.draw(AGAIN_AFTER), answer)]
         if fate == "cut":  # what came right behind it could make a frame of it, one time in 256
             self._coming = [item for item in self._coming if abs(item[0] - at) > 0.1]
-            return [(at, answer[: self._data.draw(st.integers(1, 7))])]
+            return [(at, answer[: self._data.draw(CUT_AT)])]
         if fate == "noise":
-            return [(at, bytes(self._data.draw(st.lists(NO_START, max_size=6))) + answer)]
+            return [(at, bytes(self._data.draw(NOISE)) + answer)]
         return [(at, answer)]
 
     @property
@@ -191,7 +193,12 @@ class BadLine:
 
 
 NO_START = st.integers(0, 0xFF).filter(lambda byte: byte != 0x01)
-FATES = ["well", "well", "request lost", "answer lost", "late", "twice", "cut", "noise"]
+NOISE = st.lists(NO_START, max_size=6)
+FATE = st.sampled_from(
+    ["well", "well", "request lost", "answer lost", "late", "twice", "cut", "noise"]
+)
+LATE_BY, AGAIN_AFTER, CUT_AT = st.floats(1.4, 2.9), st.floats(0, 1), st.integers(1, 7)
+ASKED = st.lists(st.none() | st.integers(0, 3), max_size=4)
 
 
 def converse(
@@ -213,12 +220,12 @@ def converse(
 def test_what_a_master_reports_is_true(data: DataObject, role: Role) -> None:
     """Confirmed is in the slave, what was read is in the slave, and nothing is written too often."""
     point = PointDescription("x", "8236:int16", role)
-    profile = replace(load_profile("flexmax"), points={"x": point})
+    profile = replace(profile_of("flexmax"), points={"x": point})
     device = PROTOCOLS["slink3"].device(1, profile, {})
     session = Session(slink3.decoder(), slink3.LINE.timing(network=False), echo=False)
     line = BadLine(7, data)
     now = 10.0
-    for asked in data.draw(st.lists(st.none() | st.integers(0, 3), max_size=4)):
+    for asked in data.draw(ASKED):
         before = line.written
         if asked is None:
             exchange, now = converse(device.read(device.point("x")), session, line, now)
