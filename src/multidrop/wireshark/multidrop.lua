@@ -300,16 +300,15 @@ local function answers(protocol, frame, question)
    return protocol.is_answer(frame) and protocol.answers(frame, question)
 end
 
--- Whether this is the copy of the question that a line which hears itself delivers: multidrop's own rule.
+-- Whether this is the copy of the frame before, which a line that hears itself delivers: multidrop's own rule.
 local function echoes(protocol, frame, questions)
-   local question = questions.last
-   if not question or questions.followed or question.raw ~= frame.raw or frame.direction == SENT then return false end
-   if frame.direction == HEARD and question.direction ~= SENT then return false end
-   local overlaps = frame.start < question.time - frame.character / 2
-   if question.direction ~= SENT then return overlaps and not answers(protocol, frame, question) end
-   if answers(protocol, frame, question) then return overlaps or questions.echoes == true end
-   questions.echoes = true
-   return true
+   local last = questions.last
+   if not last or last.raw ~= frame.raw then return false end
+   local overlaps = frame.start < last.time - frame.character / 2
+   local ambiguous = answers(protocol, frame, last)
+   if last.direction ~= SENT then return frame.direction == UNKNOWN and overlaps and not ambiguous end
+   if frame.direction == SENT or frame.start >= last.time + LATE then return false end
+   return overlaps or questions.echoes == true or not ambiguous
 end
 
 local function answered(protocol, frame, questions)
@@ -331,19 +330,18 @@ local function remember(protocol, frame, pinfo)
    frame.packet, frame.time, frame.direction = pinfo.number, pinfo.rel_ts, pinfo.p2p_dir
    frame.character = character_time(protocol.character)
    frame.start = frame.time - #frame.raw * frame.character
+   local last = questions.last
    if echoes(protocol, frame, questions) then
-      questions.followed = true
-      return { role = "echo", of = questions.last.packet }
+      questions.last, questions.echoes = nil, true
+      return { role = "echo", of = last.packet }
    end
+   questions.last = frame
    local entry = answered(protocol, frame, questions)
-   if entry then
-      questions.followed = true
-      return entry
-   end
+   if entry then return entry end
    if frame.direction ~= SENT and not protocol.may_ask(frame) then return { role = "stray" } end
    local sure = frame.direction == SENT or protocol.from_master(frame)
    entry = { role = "request", expects = protocol.expects(frame), sure = sure }
-   frame.entry, questions.last, questions.followed = entry, frame, false
+   frame.entry = entry
    protocol.asked(frame, questions, entry)
    return entry
 end
@@ -583,6 +581,7 @@ function slink3.front(tvb, at)
    frame.destination = math.floor(frame.order / 2) % 8
    frame.fault = math.floor(frame.order / 16) % 2 == 1
    frame.data = length > 8 and frame.range(7, length - 8) or nil
+   frame.body = frame.data and frame.data:raw() or ""
    if frame.checksum ~= computed then
       return nil, ("checksum %02Xh, computed %02Xh"):format(frame.checksum, computed), frame
    end
@@ -687,7 +686,7 @@ end
 
 -- An OK answer to a read carries the INDEX, and the SUBINDEX, that was asked for.
 function slink3.answers(frame, question)
-   local asked, data = question.body, frame.data and frame.data:raw() or ""
+   local asked, data = question.body, frame.body
    if frame.code ~= 0 or not has(SLINK3_READS, question.code) or #asked < 3 then return true end
    if has(SLINK3_STANDARD, question.code) then return data:sub(1, 3) == asked:sub(1, 3) end
    if data:sub(2, 3) ~= asked:sub(2, 3) then return false end
@@ -698,7 +697,6 @@ end
 function slink3.answered() end
 
 function slink3.asked(frame, questions)
-   frame.body = frame.data and frame.data:raw() or ""
    questions[slink3_key(frame)] = frame
 end
 
