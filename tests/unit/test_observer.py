@@ -112,6 +112,16 @@ def test_no_answer_in_time() -> None:
     assert len(found.frames) == 1
 
 
+def test_an_answer_that_is_on_its_way_is_waited_for() -> None:
+    observer = new()
+    raw = answer().encode()
+    observer.receive_data(question().encode(), 10.0)
+    observer.receive_data(raw[:9], 11.495)
+    assert observer.deadline > 11.5
+    assert observer.time_passed(11.501) == []
+    assert texts(observer.receive_data(raw[9:], 11.502)) == [READ_5]
+
+
 def test_a_late_answer_is_a_stray() -> None:
     observer = new()
     observer.receive_data(question().encode(), 10.0)
@@ -349,6 +359,10 @@ def test_the_echo_of_an_acknowledge_belongs_to_nothing() -> None:
     assert texts(found) == [f"{WRITTEN}: acknowledged"]
     assert observer.receive_data(ACKNOWLEDGE.encode(), 10.07, sent=False) == []
     assert observer.echoes == 2
+    observer.receive_data(CHANGE.encode(), 11.0, sent=True)
+    (unheard,) = observer.finish()
+    assert isinstance(unheard, Transaction)
+    assert unheard.echo is None
 
 
 # -- Ultra3000: frames that do not show who sent them ------------------------------------------
