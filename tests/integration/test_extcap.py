@@ -21,7 +21,7 @@ from multidrop.errors import UsageError
 from multidrop.io.captured import CaptureReader, Packet
 from multidrop.io.list_ports import PortFacts
 from multidrop.naming import LineOptions
-from multidrop.protocols import datalink, slink3
+from multidrop.protocols import PROTOCOLS, datalink, slink3
 from multidrop.timing import Format
 from multidrop.tools import extcap, wireshark
 
@@ -60,7 +60,7 @@ def test_every_setting_is_an_option_of_the_command(interface: str, first: str) -
     calls = [line.partition("{call=--")[2].partition("}")[0] for line in lines if "{call" in line]
     wanted = ["port", "protocol", "baud", "format", "stuffing"]
     assert calls == wanted[wanted.index(first) :]
-    assert "{arg=0}{value=slink3}" in extcap.settings("multidrop-x")[1]
+    assert "{arg=0}{value=auto}" in extcap.settings("multidrop-x")[1]
     defaults = [line for line in lines if "{default=true}" in line]
     assert len(defaults) == 4
 
@@ -83,6 +83,7 @@ def test_options_become_the_settings_of_the_line() -> None:
     assert found.protocol is not None
     assert found.protocol.name == "datalink"
     assert (found.setup.settings.baud, found.setup.settings.format) == (19200, Format(8, "N", 1))
+    assert found.line(found.protocol).own == {"stuffing": "off"}
     change = datalink.Frame(datalink.Command.CHANGE, 1, 0x600, 1, b"\x7e")
     decoder = found.setup.settings.decoder()
     assert [event.raw for event in decoder.receive_data(change.encode(stuffing=False))] == [
@@ -90,11 +91,12 @@ def test_options_become_the_settings_of_the_line() -> None:
     ]
 
 
-@pytest.mark.parametrize("protocol", ["", "slink3", "raw"])
+@pytest.mark.parametrize("protocol", ["", "auto", "slink3"])
 def test_a_line_is_listened_to_with_its_pins_as_they_are(protocol: str) -> None:
     found = extcap.Listening.parse("/dev/x", protocol, {"baud": "default", "stuffing": "off"})
     options = found.setup.options
-    assert options == LineOptions(rts="leave", dtr="leave")
+    assert options == LineOptions(rts="leave", dtr="leave", own={"stuffing": "off"})
+    assert found.line(PROTOCOLS["slink3"]).own == {}
     assert found.setup.settings.baud == 9600
 
 
@@ -222,14 +224,15 @@ def test_it_writes_what_passes_and_sends_nothing(
 def test_it_ends_when_it_is_told_to_and_keeps_what_it_had(tmp_path: Path) -> None:
     path = tmp_path / "capture.pcapng"
     with tcp_tap() as (port, say, _):
-        running = listen_to(port, path, "raw")
-        say(b"AT\r")
+        running = listen_to(port, path, "slink3")
+        say(READ.encode() + ANSWER.encode()[:5])  # the rest never comes
         until = time.monotonic() + PATIENCE
-        while not (path.exists() and b"AT\r" in path.read_bytes()) and time.monotonic() < until:
+        while not (path.exists() and READ.encode() in path.read_bytes()):
+            assert time.monotonic() < until
             time.sleep(0.02)
         assert running.end(signal.SIGTERM).status == 0
-    (packet,) = CaptureReader(path).packets()
-    assert packet.data == b"AT\r"
+    packets = list(CaptureReader(path).packets())
+    assert [packet.data for packet in packets] == [READ.encode(), ANSWER.encode()[:5]]
 
 
 def test_a_port_that_there_is_not_is_told(tmp_path: Path) -> None:
@@ -239,7 +242,8 @@ def test_a_port_that_there_is_not_is_told(tmp_path: Path) -> None:
     assert "no such port" in ran.err
 
 
-def test_wireshark_captures_with_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("protocol", ["slink3", "auto"])
+def test_wireshark_captures_with_it(protocol: str, tmp_path: Path) -> None:
     """Installed as a user installs it; then tshark itself finds it, runs it and dissects."""
     tshark_path()
     assert (
@@ -259,7 +263,12 @@ def test_wireshark_captures_with_it(tmp_path: Path) -> None:
         talking = threading.Thread(target=talk, daemon=True)
         talking.start()
         options = ["-T", "fields", "-e", info_field(), "-c", "2"]
-        chosen = ["-o", f"extcap.multidrop.port:{port}", "-o", "extcap.multidrop.protocol:slink3"]
+        chosen = [
+            "-o",
+            f"extcap.multidrop.port:{port}",
+            "-o",
+            f"extcap.multidrop.protocol:{protocol}",
+        ]
         out = tshark("-i", "multidrop", *chosen, *options, home=tmp_path)
         talking.join(PATIENCE)
         assert came() == b""

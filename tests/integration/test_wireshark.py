@@ -401,6 +401,14 @@ def test_an_echo_is_no_question_and_no_answer(tmp_path: Path) -> None:
     assert pairs(path, "ultra3000", tmp_path) == expected
 
 
+def test_an_echo_that_is_only_overheard_overlaps_its_question(tmp_path: Path) -> None:
+    said = [(0, READ), (1, READ), (40, ANSWER), (100, READ), (150, READ), (190, ANSWER)]
+    path = capture_of(
+        tmp_path / "a.pcapng", "slink3", *((at, None, frame.encode()) for at, frame in said)
+    )
+    assert pairs(path, "slink3", tmp_path) == [">3", "=1", "<1", "-", ">6", "<5"]
+
+
 def test_an_action_that_is_only_overheard_finds_its_answer(tmp_path: Path) -> None:
     action = ultra3000.Frame(0, 0x71, 1).encode()
     refusal = ultra3000.Frame(0, 0x871, 1, "06").encode()

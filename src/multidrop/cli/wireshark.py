@@ -57,7 +57,9 @@ def wireshark(install: bool, as_json: bool) -> None:
 @click.option("--capture", is_flag=True, help="listen, until nobody reads any more")
 @click.option("--fifo", metavar="FILE", help="where the capture is written to")
 @click.option("--port", metavar="PORT", default="", help="/dev/... or tcp://HOST:PORT")
-@click.option("--protocol", metavar="NAME", default="", help="a protocol, or raw")
+@click.option(
+    "--protocol", metavar="NAME", default="", help="a protocol, or auto: told by what is heard"
+)
 @click.option("--baud", metavar="RATE", default="", help="baud rate")
 @click.option("--format", metavar="8E1", default="", help="data bits, parity, stop bits")
 @click.option("--stuffing", metavar="on|off", default="", help="byte stuffing (datalink)")

@@ -16,24 +16,22 @@ from typing import BinaryIO
 
 from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
-from multidrop.io.capture import RAW, CaptureWriter, write_cut
-from multidrop.io.cutting import Cut, Cutter, WallClock
+from multidrop.io.capture import RAW, CaptureWriter
 from multidrop.io.list_ports import PortFacts
-from multidrop.io.ports import Port, PortSetup, open_port
+from multidrop.io.ports import PortSetup, open_port
 from multidrop.naming import LineOptions
 from multidrop.profile import nearest
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import LineSettings
+from multidrop.tools.listened import Listened
+from multidrop.tools.sniff import Sniffer
 
 ANY_PORT = "multidrop"
 """The interface whose port is named in its settings; `multidrop-ttyUSB0` is that port."""
 
-RAW_BYTES = "raw"
+AUTO = "auto"
 DEFAULT = "default"
 """What the protocol's documents say."""
-
-POLL = 0.25
-"""s after which a line on which nobody speaks is left, to see whether anybody still reads."""
 
 RATES = (110, 300, 600, 1200, 2400, 4800, 9600, 14400, 19200, 28800, 38400, 57600, 115200)
 FORMATS = ("8E1", "8N1", "8O1", "7E1", "7O1", "8N2")
@@ -68,7 +66,7 @@ def settings(interface: str) -> list[str]:
     dialogue = _Dialogue()
     if interface == ANY_PORT:
         dialogue.text("port", "Port", "such as /dev/ttyUSB0 or tcp://10.0.0.7:4001")
-    protocols = [*((name, name) for name in PROTOCOLS), (RAW_BYTES, "none: bytes as they come")]
+    protocols = [(AUTO, "told by what is heard"), *((name, name) for name in PROTOCOLS)]
     dialogue.choice("protocol", "Protocol", "what is spoken on the line", protocols)
     usual = [(DEFAULT, "as the protocol's documents say")]
     rates = [(str(rate), str(rate)) for rate in RATES]
@@ -140,7 +138,7 @@ def port_of(interface: str, ports: Iterable[PortFacts], given: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Listening:
-    """What to listen to: a port, and the protocol there (None: bytes as they come)."""
+    """What to listen to: a port, and the protocol there (None: told by what is heard)."""
 
     port: str
     protocol: ProtocolModule | None
@@ -149,23 +147,34 @@ class Listening:
     @classmethod
     def parse(cls, port: str, protocol: str, options: Mapping[str, str]) -> Listening:
         """Options as text; those that the protocol does not have are left. Raises `UsageError`."""
-        protocol = protocol or next(iter(PROTOCOLS))  # the first is the default of the dialogue
-        if protocol not in (*PROTOCOLS, RAW_BYTES):
-            raise UsageError(
-                f"protocol {protocol!r} is none of {', '.join([*PROTOCOLS, RAW_BYTES])}"
-            )
-        module = PROTOCOLS.get(protocol)
+        name = protocol or AUTO
+        if name not in (AUTO, *PROTOCOLS):
+            raise UsageError(f"protocol {name!r} is none of {', '.join([AUTO, *PROTOCOLS])}")
         given = {key: text for key, text in options.items() if text not in ("", DEFAULT)}
-        own = module.options if module is not None else {}
-        lacked = {key for known in PROTOCOLS.values() for key in known.options} - set(own)
-        kept = {key: text for key, text in given.items() if key not in lacked}
+        every = {key: "" for known in PROTOCOLS.values() for key in known.options}
         leave = {
             "rts": "leave",
             "dtr": "leave",
         }  # whoever drives the line may need them as they are
-        chosen = LineOptions.parse({**kept, **leave}, own)
-        line = (module or next(iter(PROTOCOLS.values()))).line_for(chosen.own)
-        return cls(port, module, PortSetup(line.with_options(**chosen.line_settings()), chosen))
+        chosen = LineOptions.parse({**given, **leave}, every)
+        module = None if name == AUTO else PROTOCOLS[name]
+        settings = _settings(module or next(iter(PROTOCOLS.values())), chosen)
+        return cls(port, module, PortSetup(settings, chosen))
+
+    def line(self, protocol: ProtocolModule) -> Listened:
+        """The line, once its protocol is known; it goes on as the port was opened."""
+        opened, chosen = self.setup.settings, self.setup.options
+        settings = _settings(protocol, chosen).with_options(baud=opened.baud, format=opened.format)
+        return Listened(self.port, protocol, settings, own=_own(protocol, chosen))
+
+
+def _own(protocol: ProtocolModule, chosen: LineOptions) -> dict[str, str]:
+    return {key: text for key, text in chosen.own.items() if key in protocol.options}
+
+
+def _settings(protocol: ProtocolModule, chosen: LineOptions) -> LineSettings:
+    line = protocol.line_for(_own(protocol, chosen))
+    return line.with_options(**chosen.line_settings())
 
 
 def capture(listening: Listening, file: BinaryIO) -> None:
@@ -173,70 +182,17 @@ def capture(listening: Listening, file: BinaryIO) -> None:
     port = open_port(listening.port, listening.setup)
     try:
         writer = CaptureWriter(file)
-        recorder = _recorder(listening, port, writer)
+        sniffer = Sniffer(
+            *(port, listening.port, listening.setup.settings, listening.protocol, listening.line),
+            writer=writer,
+        )
         gone = select.poll()
         gone.register(file, 0)  # errors are always told
         try:
-            while writer.failed is None and not gone.poll(0):
-                recorder.receive(port.read(POLL), port.now())
+            for _ in sniffer.run():  # now and then, even if nothing is heard
+                if writer.failed is not None or gone.poll(0):
+                    break
         finally:
-            recorder.finish()
+            sniffer.finish()
     finally:
         port.close()
-
-
-def _recorder(listening: Listening, port: Port, writer: CaptureWriter) -> _Frames | _Pieces:
-    line_settings = listening.setup.settings
-    line = writer.add_line(listening.protocol, line_settings, listening.port)
-    if listening.protocol is None:
-        return _Pieces(port, writer, line)
-    return _Frames(port, writer, line, line_settings)
-
-
-class _Frames:
-    """Writes frames, and what is none."""
-
-    def __init__(self, port: Port, writer: CaptureWriter, line: int, known: LineSettings) -> None:
-        self._port = port
-        self._writer = writer
-        self._line = line
-        self._cutter = Cutter(known, network=port.network, passive=True)
-        self._wall = WallClock()
-
-    def receive(self, data: bytes, now: float) -> None:
-        if not data:
-            self._write(self._cutter.time_passed(now))
-        for piece, damaged in _pieces(self._port, data):
-            self._write(self._cutter.receive(piece, now, damaged=damaged))
-
-    def finish(self) -> None:
-        self._write(self._cutter.finish())
-
-    def _write(self, cuts: list[Cut]) -> None:
-        for cut in cuts:
-            write_cut(self._writer, self._line, cut, self._wall(cut.end))
-
-
-class _Pieces:
-    """Writes bytes as they come."""
-
-    def __init__(self, port: Port, writer: CaptureWriter, line: int) -> None:
-        self._port = port
-        self._writer = writer
-        self._line = line
-        self._wall = WallClock()
-
-    def receive(self, data: bytes, now: float) -> None:
-        for piece, damaged in _pieces(self._port, data):
-            damage = "parity or framing error" if damaged else ""
-            self._writer.add(self._line, piece, self._wall(now), damage=damage, marked=damaged)
-
-    def finish(self) -> None:
-        """Nothing is held back."""
-
-
-def _pieces(port: Port, data: bytes) -> list[tuple[bytes, bool]]:
-    """What came without the port's marks, each piece with whether the port marked it as wrong."""
-    if not data:
-        return []
-    return [(data, False)] if port.marks is None else port.marks.split(data)
