@@ -1,9 +1,11 @@
 """Many paced lines of any protocol in one loop that never sleeps.
 
 `python -m bench.many_simulated CPU COUNT BURST_MS PROFILE ...` serves COUNT lines
-on TCP ports, each with one device at address 0; the profiles take turns. It
-prints its ports as a line of JSON, answers every line on its standard input with
-what it noted of each answer, line by line, and ends with its standard input.
+on TCP ports, each with one device at address 0; the profiles take turns, with
+their own baud rate or another one (`ultra3000@9600`). It prints its ports as a
+line of JSON, answers every line on its standard input, `unanswered` with when the
+messages came that nobody answers, any other with what it noted of each answer,
+line by line, and ends with its standard input.
 """
 
 from __future__ import annotations
@@ -36,12 +38,15 @@ class Line:
     """
 
     def __init__(self, profile: str, burst: float) -> None:
-        settings = PROTOCOLS[load_profile(profile).protocol].line
-        device = SimulatedLine([simulated_device(profile, 0)], settings.decoder)
+        name, _, baud = profile.partition("@")
+        settings = PROTOCOLS[load_profile(name).protocol].line
+        settings = settings.with_options(baud=int(baud) if baud else None)
+        device = SimulatedLine([simulated_device(name, 0)], settings.decoder)
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.client = self.listener  # until a master is connected
         self.noted: list[tuple[float, float, float]] = []
         """Of each answer: when its request came, its last byte was due, and was handed over."""
+        self.unanswered: list[float] = []
         self.answers: deque[Answer] = deque()  # on the wire: the first one now
         self._device: Connection = device.attach()
         self._character = settings.character
@@ -59,6 +64,7 @@ class Line:
         answer = self._device.send(came)
         self._free_at = start + len(answer) * self._character
         if not answer:
+            self.unanswered.append(came)
             return None
         found = Answer(answer, came, start, self._free_at, start + self._slot)
         self.answers.append(found)
@@ -122,8 +128,10 @@ class ManyLines:
                     self._hear(fd)
                 elif fd in self._listening:
                     self._accept(self._listening[fd])
-                elif not sys.stdin.readline():
+                elif not (asked := sys.stdin.readline()):
                     return
+                elif asked.strip() == "unanswered":
+                    print(json.dumps([line.unanswered for line in self.lines]), flush=True)
                 else:
                     print(json.dumps([line.noted for line in self.lines]), flush=True)
             if not self._send_due():

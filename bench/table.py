@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from bench import datalink, ultra3000
+from bench import datalink, service, ultra3000
 from bench.codec import decoding, encoding
 from bench.many_lines import many_lines
 from bench.measure import ROOT, Result
@@ -26,6 +26,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "transactions": transactions,
     "paced": paced,
     "lines": many_lines,
+    "service": service.rows,
     "scan": scan,
     "startup": startup,
     "memory": memory,
