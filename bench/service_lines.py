@@ -160,9 +160,7 @@ def run(seconds: float) -> dict[str, Any]:
         simulator.communicate()
     drives = [answers for number, answers in enumerate(noted) if kind_of(number) is KINDS[0]]
     found["gap"] = min(
-        after[0] - before[2]
-        for answers in drives
-        for before, after in itertools.pairwise(answers)
+        after[0] - before[2] for answers in drives for before, after in itertools.pairwise(answers)
     )
     found["acknowledged"] = [
         acknowledged
@@ -212,7 +210,10 @@ def service_lines(quick: bool) -> list[Result]:
             ">= 0.97 of it, every line",
             f"{worst:.3f}",
             worst >= 0.97,
-            [f"the slowest of each: {each}", f"{core:.0%} of the core, {each_poll:.0f} µs of it a poll; {bad} polls failed"],
+            [
+                f"the slowest of each: {each}",
+                f"{core:.0%} of the core, {each_poll:.0f} µs of it a poll; {bad} polls failed",
+            ],
         ),
         Result(
             f"{of}: rest before a request of a FlexMax",
