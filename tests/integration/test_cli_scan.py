@@ -90,8 +90,13 @@ def test_over_a_pseudo_terminal(protocol: str, tmp_path: Path) -> None:
 
 
 def test_the_plant_file_is_printed(tmp_path: Path) -> None:
+    """And the traffic is shown, and recorded."""
+    pcap = str(tmp_path / "scan.pcapng")
     with line_of("ax-v:2") as line:
-        ran = multidrop("scan", line.port, *ONLY, "--trace", "--addresses", "2")
+        ran = multidrop("scan", line.port, *ONLY, "--trace", "--addresses", "2", "--capture", pcap)
+    packets = multidrop("decode", pcap)
+    assert "status word" in packets.out
+    assert "read 511: refused" in packets.out
     table, _, plant = ran.out.partition("[line.bus]\n")
     assert "ax-v:2" in table
     assert f'port = "{line.port}"' in plant

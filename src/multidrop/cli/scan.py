@@ -14,6 +14,7 @@ import click
 
 from multidrop.cli.about import print_table
 from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import PortError, UsageError
 from multidrop.exchange import LATE
 from multidrop.naming import LINE_KEYS, LineOptions
@@ -31,8 +32,6 @@ from multidrop.tools.scan_result import FoundDevice, State, StateFile, Traffic, 
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from multidrop.io.line import Tap
 
 NOTHING_FOUND, ANOTHER_MASTER, BROKE_IN = 4, 2, 6
 """Exit status: no reply; refused before anything was sent; a frame that should not have come."""
@@ -71,6 +70,9 @@ def _port_options(command: Any) -> Any:
 @click.option("--force", is_flag=True, help="replace FILE")
 @click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
 @click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")
+@click.option(
+    "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
+)
 @_port_options
 def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Find out which protocol, baud rate, format and addresses answer at PORT. Only reads are sent."""
@@ -79,7 +81,9 @@ def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -
         raise UsageError(f"{output} is there already; --force replaces it")
     kept = StateFile(url, Path(given["state"]) if given["state"] else None)
     state = _state(kept, given, url)
-    scanner = Scanner(url, options, state, watch=_traces(trace))
+    taps = RoundTaps(url, trace=trace, capture=given["capture"])
+    click.get_current_context().call_on_close(taps.close)
+    scanner = Scanner(url, options, state, watch=taps)
     _announce(url, scanner, state)
     try:
         with _progress(scanner, kept, quiet=trace):
@@ -164,21 +168,6 @@ def _state(kept: StateFile, given: dict[str, Any], url: str) -> State:
 
 
 # -- while it goes on ------------------------------------------------------------------------
-
-
-def _traces(trace: bool) -> Callable[[Round], list[Tap]]:
-    if not trace:
-        return lambda round: []
-    from multidrop.cli.trace import Trace
-
-    context = click.get_current_context()
-
-    def watch(round: Round) -> list[Tap]:
-        tap = Trace(round.module, round.settings.decoder, sys.stderr)
-        context.call_on_close(tap.finish)
-        return [tap]
-
-    return watch
 
 
 def _announce(url: str, scanner: Scanner, state: State) -> None:

@@ -56,6 +56,7 @@ class Scanner:
         self._open_port = open_port
         self._port: Port | None = None
         self._opened: tuple[int, str] | None = None
+        self._watched: Round | None = None
         self._taps: list[Tap] = []
 
     @property
@@ -174,7 +175,8 @@ class Scanner:
                 self._port = None
             self._port = self._open_port(self._url, PortSetup(round.settings, self._options))
         self._opened = setting
-        self._taps = self._watch(round)
+        if round != self._watched:
+            self._watched, self._taps = round, self._watch(round)
         return self._port
 
     def _run(self, machine: MachineT, port: Port, after: Callable[[], None] = lambda: None) -> None:

@@ -17,6 +17,7 @@ from multidrop.io.ports import Port, PortSetup
 from multidrop.naming import LineOptions, parse_simulated
 from multidrop.plantfile import parse_plant
 from multidrop.protocols import PROTOCOLS
+from multidrop.protocols.slink3 import Frame
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, ScriptedFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
@@ -24,6 +25,7 @@ from multidrop.tools.scan import Progress, Scanner
 from multidrop.tools.scan_plan import Round, Wanted, check_protocols, parse_addresses, rounds
 from multidrop.tools.scan_result import FoundDevice, State, StateFile, as_toml
 from multidrop.tools.sweep import Found
+from multidrop.transaction import Kind
 from unit.tools.scanned import Wire
 
 PORT = "/dev/ttyUSB9"
@@ -147,6 +149,8 @@ def test_everything_is_found_with_nothing_but_reads(
     assert {name for name, _ in asked} == set(READS)
     for name, frame in asked:
         assert READS[name](frame), (name, frame)
+        kind = PROTOCOLS[name].explain([frame], load_profile(name)).kind
+        assert kind in (Kind.READ, Kind.STATUS), (name, frame)
 
 
 @pytest.mark.parametrize(("devices", "expected"), LINES)
@@ -251,6 +255,15 @@ def test_a_master_that_nobody_understands() -> None:
     assert traffic is not None
     assert traffic.protocol is None
     assert traffic.size == 4
+
+
+def test_of_two_protocols_that_one_which_explains_more() -> None:
+    """Data of SLINK3 that read as short Datalink messages."""
+    frame = Frame(11, 0, 0, 0xABCD, bytes.fromhex("7E85 7E85 7E85")).encode()
+    traffic = listened((0.5, frame)).traffic
+    assert traffic is not None
+    assert traffic.protocol == "slink3"
+    assert len(traffic.lines) == 1
 
 
 def test_a_glitch_is_no_master() -> None:

@@ -1,0 +1,44 @@
+"""What `multidrop scan` shows and records of the traffic, protocol after protocol."""
+
+from __future__ import annotations
+
+import sys
+
+from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli.trace import Trace
+from multidrop.io.capture import CaptureTap, CaptureWriter
+from multidrop.io.line import Tap
+from multidrop.tools.scan_plan import Round
+
+
+class RoundTaps:
+    """The taps of each round: a trace, and an interface of its own in the capture."""
+
+    def __init__(self, port: str, *, trace: bool, capture: str | None) -> None:
+        """Raises `UsageError` where the capture cannot be written."""
+        self._port = port
+        self._trace = trace
+        self._path = capture or ""
+        self._writer = CaptureWriter.create(capture) if capture else None
+        self._open: list[Trace | CaptureTap] = []
+
+    def __call__(self, round: Round) -> list[Tap]:
+        self._finish()
+        module, settings = round.module, round.settings
+        if self._trace:
+            self._open.append(Trace(module, settings.decoder, sys.stderr))
+        if self._writer is not None:
+            self._open.append(CaptureTap(self._writer, module, settings, self._port))
+        return list(self._open)
+
+    def close(self) -> None:
+        """Write what is left; say so where the file could not take everything."""
+        self._finish()
+        if self._writer is not None:
+            self._writer.close()
+            warn_if_incomplete(self._writer, self._path)
+
+    def _finish(self) -> None:
+        for tap in self._open:
+            tap.finish()
+        self._open = []
