@@ -88,7 +88,12 @@ class Share:
         try:
             if self._rules.protocol is not None:
                 self._speak(self._rules.protocol)
-                await self._port.first_try()
+                opening = asyncio.ensure_future(self._port.first_try())
+                await asyncio.wait((serving, opening), return_when=asyncio.FIRST_COMPLETED)
+                if serving.done():
+                    opening.cancel()
+                    await serving
+                await opening
             else:
                 await try_port(next(iter(self._targets.values())))
             listener = await listen(where, self._answer)
