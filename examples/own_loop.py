@@ -18,8 +18,9 @@ from urllib.parse import urlsplit
 
 from multidrop import Error
 from multidrop.conversation import Conversation
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols import slink3
+from multidrop.session import Session
 
 DEFAULT = os.environ.get("MULTIDROP_EXAMPLE_PORT", "tcp://127.0.0.1:4001")
 

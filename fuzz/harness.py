@@ -20,7 +20,8 @@ import atheris
 with atheris.instrument_imports(include=["multidrop"]):
     from multidrop import errors
     from multidrop.events import FrameReceived
-    from multidrop.exchange import Exchange, Session
+    from multidrop.exchange import Exchange
+    from multidrop.session import Session
     from multidrop.timing import LineSettings
 
 Provider = Any  # atheris.FuzzedDataProvider: values from the fuzzer's bytes

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from multidrop.conversation import Ask, Conversation, Tell, TooLate, Wait
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols.datalink import LINE, LINE_WITHOUT_STUFFING, Command, Frame, Slave
 from multidrop.protocols.datalink.slave import Reply, Request
+from multidrop.session import Session
 
 Step = Ask[Frame] | Tell[Frame] | Wait
 

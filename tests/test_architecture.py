@@ -33,6 +33,7 @@ GROUND = {
     "probing",
     "profile",
     "relay",
+    "session",
     "timing",
     "transaction",
     "unanswered",

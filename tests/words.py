@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from multidrop.conversation import Ask, Conversation, Tell
 from multidrop.decoder import Decoder
-from multidrop.exchange import Session
+from multidrop.session import Session
 from multidrop.timing import Timing
 
 TIMING = Timing(

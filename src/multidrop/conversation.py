@@ -9,7 +9,7 @@ the line from its first to its last step.
 from __future__ import annotations
 
 from collections.abc import Generator, Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 
@@ -59,12 +59,20 @@ class Learn(Ask[FrameT]):
     repeatable: bool = True
 
 
+@dataclass(slots=True)
+class Delay:
+    """How long after the last byte heard a frame was written, s; None until that is known."""
+
+    seconds: float | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Tell(Generic[FrameT]):
     """Send a frame that nobody answers: a broadcast, an acknowledge."""
 
     frame: FrameT
     within: float | None = None  # s after the last byte received; later it is not sent: TooLate
+    delay: Delay = field(default_factory=Delay, compare=False)  # of what has a `within`
 
 
 @dataclass(frozen=True, slots=True)

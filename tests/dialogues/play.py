@@ -15,13 +15,14 @@ from multidrop import errors
 from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
 from multidrop.device import Report
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.io.parity import ParityMarks
 from multidrop.naming import LineOptions
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME
+from multidrop.session import Session
 from multidrop.timing import LineSettings
 
 ALLOWANCE = 0.050
@@ -141,6 +142,8 @@ class ExchangeStage:
         while True:
             if to_send:
                 script.receive(to_send, self.now)
+            if exchange.told is not None:
+                exchange.written(self.now)
             if exchange.done:
                 break
             self.now = max(self.now, min(exchange.deadline, script.deadline))

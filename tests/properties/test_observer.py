@@ -17,7 +17,7 @@ from strategies import ROWS, SIZES, Row, cut, streams
 from multidrop import errors
 from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.observer import Found, Observer
 from multidrop.protocols import PROTOCOLS, datalink, slink3, ultra3000
 from multidrop.protocols.datalink.frame import MOST_DATA, Command
@@ -25,6 +25,7 @@ from multidrop.protocols.datalink.slave import Reply as Memory
 from multidrop.protocols.slink3.messages import WRITES, StandardParameter
 from multidrop.protocols.slink3.slave import Reply as Response
 from multidrop.protocols.ultra3000.slave import Reply as Digits
+from multidrop.session import Session
 from multidrop.transaction import Damage, Heard, Kind, Stray, Transaction
 
 # -- anything at all ---------------------------------------------------------------------------

@@ -16,7 +16,8 @@ from strategies import ROWS, SIZES, Row, cut, streams
 
 from multidrop import errors
 from multidrop.events import FrameReceived
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
+from multidrop.session import Session
 
 every_protocol = pytest.mark.parametrize("row", ROWS, ids=str)
 

@@ -15,7 +15,7 @@ from strategies import profile_of
 
 from multidrop import errors
 from multidrop.conversation import Ask
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.points import Role
 from multidrop.profile import PointDescription
 from multidrop.protocols import PROTOCOLS, slink3
@@ -24,6 +24,7 @@ from multidrop.protocols.slink3.describe import describe
 from multidrop.protocols.slink3.points import ParameterPoint, parse_point
 from multidrop.protocols.slink3.slave import Reply
 from multidrop.protocols.slink3.values import decode_value, encode_value, parse_value
+from multidrop.session import Session
 from multidrop.writing import Outcome
 
 INTEGERS = {

@@ -8,12 +8,12 @@ import pytest
 
 from multidrop.conversation import Conversation, Wait
 from multidrop.errors import NoReply, OutcomeUnknown
-from multidrop.exchange import Counters
 from multidrop.io.line import Line
 from multidrop.io.memory import MemoryPort
 from multidrop.naming import LineOptions
 from multidrop.protocols import slink3
 from multidrop.protocols.slink3 import Master
+from multidrop.session import Counters
 from multidrop.sim.faults import Fault, ScriptedFaults
 from multidrop.writing import Outcome, Written
 from soak.faulty import Target, WritesSent, faulty_line, targets

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols.slink3 import LINE, Frame, Master, decoder
+from multidrop.session import Session
 
 
 def test_damage_alone_is_pending_and_not_unfinished() -> None:

@@ -7,7 +7,8 @@ from words import TIMING, Word, ask, new_session
 
 from multidrop.conversation import Ask, Conversation, Learn
 from multidrop.errors import NoReply, UsageError
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
+from multidrop.session import Session
 
 NOW = 100.0
 LEFT = NOW + 0.003  # the request is on the wire until then

@@ -11,8 +11,9 @@ from words import TIMING, Word, ask, new_session, tell
 
 from multidrop.conversation import Ask, Conversation, Tell, TooLate, Wait
 from multidrop.errors import NoReply, UsageError
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols.slink3 import Frame, decoder
+from multidrop.session import Session
 
 NOW = 100.0
 SENT = NOW + 0.003  # three characters of 1 ms
@@ -269,6 +270,35 @@ def test_what_may_only_be_told_soon(pause: float, sent: bytes, result: str) -> N
     exchange.advance(b"(A)", NOW + 0.010)
     assert exchange.advance(b"", exchange.deadline) == sent
     assert exchange.result() == result
+
+
+def test_how_late_something_was_counts_until_it_is_written() -> None:
+    """`advance` says what to send, and whoever writes it may take its time."""
+    step = Tell(Word("b"), within=0.080)
+
+    def conversation() -> Conversation[Word, None]:
+        yield Ask(Word("a"))
+        yield step
+
+    session = new_session(gap=0.0)
+    for now, took in ((NOW, 0.030), (NOW + 1, 0.012)):
+        exchange = Exchange(conversation(), session)
+        exchange.start(now)
+        assert exchange.told is None
+        assert exchange.advance(b"(A)", now + 0.010) == b"(b)"
+        assert exchange.told is step
+        exchange.written(now + 0.010 + took)
+        assert exchange.told is None
+        assert step.delay.seconds == pytest.approx(took)
+    delays = session.delays
+    assert delays.number == 2
+    assert (delays.last, delays.longest) == (pytest.approx(0.012), pytest.approx(0.030))
+
+
+def test_what_may_be_told_at_any_time_is_not_measured() -> None:
+    exchange = Exchange(tell("a"), new_session())
+    assert exchange.start(NOW) == b"(a)"
+    assert exchange.told is None
 
 
 def test_a_stray_byte_gives_what_may_only_be_told_soon_no_more_time_than_its_own() -> None:

@@ -8,8 +8,9 @@ import pytest
 
 from multidrop.conversation import Ask, Conversation, Learn, Tell, Wait, once
 from multidrop.errors import NoReply
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols import slink3
+from multidrop.session import Session
 
 ended: list[str] = []
 

@@ -8,8 +8,9 @@ import pytest
 from words import Word, ask, new_session
 
 from multidrop.errors import NoReply
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols import datalink, slink3, ultra3000
+from multidrop.session import Session
 from multidrop.unanswered import MAY_COME, Unanswered
 
 NOW = 100.0

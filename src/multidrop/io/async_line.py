@@ -9,7 +9,7 @@ from typing import Any, Self, TypeVar
 
 from multidrop.conversation import Conversation
 from multidrop.errors import Error, PortError
-from multidrop.exchange import Counters, Exchange
+from multidrop.exchange import Exchange
 from multidrop.io.line import Tap, Timed, new_session
 from multidrop.io.parity import ParityMarks
 from multidrop.io.ports import (
@@ -24,6 +24,7 @@ from multidrop.io.ports import (
 )
 from multidrop.io.turns import Priority, Turns
 from multidrop.naming import LineOptions
+from multidrop.session import Counters, Delays
 from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
@@ -68,6 +69,11 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
     @property
     def counters(self) -> Counters:
         return self._session.counters
+
+    @property
+    def delays(self) -> Delays:
+        """How long after its echo each Datalink Acknowledge was written."""
+        return self._session.delays
 
     async def run(
         self,
@@ -164,6 +170,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
             except Exception as error:  # serialx raises what the platform raised
                 self._break(str(error))
                 return
+            if exchange.told is not None:
+                exchange.written(self._now())
             for tap in self.taps:
                 tap(to_send, True, exchange.asked_at, False)
         if not exchange.done:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, fields
 
-from multidrop.exchange import Counters
+from multidrop.session import Counters
 
 PROBES = 0.05
 """Share of a line's time that may go into probes that nobody answers, however many are silent."""

@@ -7,11 +7,11 @@ import contextlib
 from collections.abc import Callable
 
 from multidrop.errors import PortError
-from multidrop.exchange import Counters
 from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.connection import Target
 from multidrop.io.health import total
 from multidrop.io.line import Tap
+from multidrop.session import Counters
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0
 """s before a port is tried again, and what that grows to: an adapter is found within a second."""

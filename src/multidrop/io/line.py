@@ -8,9 +8,10 @@ from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
 from multidrop.conversation import Conversation
-from multidrop.exchange import Counters, Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.io.ports import Port, PortSetup, open_port
 from multidrop.naming import LineOptions
+from multidrop.session import Counters, Delays, Session
 from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
@@ -54,6 +55,11 @@ class Line:
     def counters(self) -> Counters:
         return self._session.counters
 
+    @property
+    def delays(self) -> Delays:
+        """How long after its echo each Datalink Acknowledge was written."""
+        return self._session.delays
+
     def run(self, conversation: Conversation[Any, ResultT]) -> ResultT:
         """Carry out a conversation; returns what it returns, raises what it raises, or `PortError`."""
         return self.timed(conversation).result
@@ -68,6 +74,8 @@ class Line:
             while True:
                 if to_send:
                     port.write(to_send)
+                    if exchange.told is not None:
+                        exchange.written(port.now())
                     for tap in taps:
                         tap(to_send, True, exchange.asked_at, False)
                 if exchange.done:

@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 from multidrop.conversation import Conversation, once
 from multidrop.errors import DeviceError, NoReply, ProtocolError
-from multidrop.exchange import Counters
 from multidrop.io.async_connection import AsyncConnection
 from multidrop.io.async_line import AsyncLine
 from multidrop.io.audit import AuditLog
@@ -18,6 +17,7 @@ from multidrop.io.kept_port import KeptPort
 from multidrop.io.line import Timed
 from multidrop.io.turns import Priority
 from multidrop.points import Point, Reading
+from multidrop.session import Counters
 from multidrop.writing import Written
 
 ResultT = TypeVar("ResultT")

@@ -22,7 +22,6 @@ from types import TracebackType
 from typing import Self
 
 from multidrop.errors import NoReply, PortError, UsageError
-from multidrop.exchange import Counters
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Target
 from multidrop.io.health import Health, Load
@@ -35,6 +34,7 @@ from multidrop.io.turns import Priority
 from multidrop.naming import DeviceName
 from multidrop.points import Point, Reading, Value
 from multidrop.profile import nearest
+from multidrop.session import Counters
 from multidrop.writing import Written
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from integration.virtual_time import WireTransport
 
 from multidrop.errors import NoReply, PortError, UsageError
 from multidrop.io.async_line import AsyncLine, open_async_line
 from multidrop.io.parity import ParityMarks
 from multidrop.io.turns import Priority
 from multidrop.naming import LineOptions
-from multidrop.protocols import slink3
+from multidrop.protocols import datalink, slink3
+from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault
-from multidrop.sim.line import Pace
+from multidrop.sim.line import Pace, SimulatedLine
 from unit.io.lines import (
     AX,
     DRIVE,
@@ -230,5 +232,17 @@ def test_a_write_goes_before_a_poll() -> None:
             read("write", Priority.WRITE),
         )
         assert finished == ["first", "write", "operator", "poll", "background"]
+
+    in_virtual_time(main)
+
+
+def test_an_acknowledge_is_measured() -> None:
+    async def main() -> None:
+        line = AsyncLine(datalink.LINE, LineOptions(), network=False)
+        wire = SimulatedLine([simulated_device("53mc5000", 3)], datalink.decoder)
+        WireTransport(wire.attach(), line)
+        await line.run(datalink.Master(3).change(0x73E, bytes.fromhex("4B 40 08")))
+        assert line.delays.number == 1
+        assert 0 <= line.delays.longest < 0.001
 
     in_virtual_time(main)

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from multidrop.exchange import Counters
 from multidrop.io.health import JUST_SILENT, PROBES, Health, Load, Probe, total
+from multidrop.session import Counters
 
 WORST = 1.5
 

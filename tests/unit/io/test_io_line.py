@@ -11,9 +11,11 @@ from multidrop.errors import NoReply, PortError, UsageError
 from multidrop.io.line import Line, open_line
 from multidrop.io.memory import FOREVER, MemoryPort
 from multidrop.naming import LineOptions
-from multidrop.protocols import slink3
+from multidrop.protocols import datalink, slink3
 from multidrop.protocols.slink3 import Frame
+from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault
+from multidrop.sim.line import SimulatedLine
 from unit.io.lines import AX, DRIVE, INT, blocking, scripted, simulated
 
 READ = bytes.fromhex("01 02 00 0B 00 26 00 03 F1 03 DE")
@@ -142,6 +144,22 @@ def test_a_conversation_keeps_the_line_from_its_first_to_its_last_step() -> None
     line = blocking()
     assert line.run(steps()) == [0, 7]
     assert line.port.now() > 0.5
+
+
+class SlowPort(MemoryPort):
+    """One whose `write` returns only after 15 ms."""
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        self._now += 0.015
+
+
+def test_an_acknowledge_counts_as_sent_when_it_is_written() -> None:
+    wire = SimulatedLine([simulated_device("53mc5000", 3)], datalink.decoder)
+    line = Line(SlowPort(wire.attach()), datalink.LINE, LineOptions())
+    line.run(datalink.Master(3).change(0x73E, bytes.fromhex("4B 40 08")))
+    assert line.delays.number == 1
+    assert line.delays.last == pytest.approx(0.015)
 
 
 def test_whether_something_else_than_reads_went_out() -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import ceil
 
-from multidrop.conversation import Ask, Conversation, Tell, TooLate, Wait
+from multidrop.conversation import Ask, Conversation, Delay, Tell, TooLate, Wait
 from multidrop.errors import NoReply, NotApplied, ProtocolError, UsageError
 from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
@@ -100,8 +100,11 @@ class Master:
         pairs = b"".join(bit_pair(selected, wanted) for selected, wanted in bits)
         return self._frame(Command.CHANGE_BITS, self.address, memory_address, len(pairs), pairs)
 
-    def carry_out(self, change: Frame) -> Conversation[Frame, None]:
-        """Send a Change or Change Bits, compare its echo, acknowledge it in time."""
+    def carry_out(self, change: Frame) -> Conversation[Frame, Delay]:
+        """Send a Change or Change Bits, compare its echo, acknowledge it in time.
+
+        Returns where the line notes how long after the echo the Acknowledge was written.
+        """
         try:
             echo = yield Ask(change, repeatable=True)  # nothing happens before the Acknowledge
         except NoReply as failure:
@@ -117,9 +120,11 @@ class Master:
                 " it was not acknowledged, so nothing was changed",
                 echo.data,
             )
-        acknowledge = self._frame(Command.ACKNOWLEDGE, self.address)
+        acknowledge = Tell(
+            self._frame(Command.ACKNOWLEDGE, self.address), within=ACKNOWLEDGE_WITHIN
+        )
         try:
-            yield Tell(acknowledge, within=ACKNOWLEDGE_WITHIN)
+            yield acknowledge
         except TooLate:
             found = yield from self.drop(change)
             raise NotApplied(
@@ -127,6 +132,7 @@ class Master:
                 " dropped with an Interrogate instead of acknowledged; nothing was changed",
                 found=found,
             ) from None
+        return acknowledge.delay
 
     def drop(self, change: Frame) -> Conversation[Frame, bytes | None]:
         """Drop a change that was not acknowledged; returns its memory, None if nobody answers.

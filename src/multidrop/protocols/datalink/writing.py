@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from multidrop.conversation import Conversation
+from multidrop.conversation import Conversation, Delay
 from multidrop.errors import Error, NoReply, NotApplied, OutcomeUnknown, ProtocolError
 from multidrop.points import Value, shown_value
 from multidrop.protocols.datalink.frame import Frame
@@ -35,7 +35,7 @@ def write_point(
     before = yield from master.memory_of(change)
     record = Written(point, asked, Outcome.UNKNOWN, point.sample(before))
     try:
-        yield from master.carry_out(change)
+        delay = yield from master.carry_out(change)
     except NotApplied as late:  # the change is dropped already, and its memory read
         return _not_acknowledged(record, point, late, late.found)
     except (NoReply, ProtocolError) as failure:
@@ -47,7 +47,7 @@ def write_point(
     except NoReply as failure:
         return _lost(record, failure)
     record = replace(record, found=point.sample(found), outcome=outcome(change, before, found))
-    return _judged(record, settle)
+    return _judged(record, settle, delay)
 
 
 def _not_acknowledged(record: Written, point: DataPoint, error: Error, found: object) -> Written:
@@ -65,7 +65,7 @@ def _lost(record: Written, failure: NoReply) -> Written:
     return replace(record, error=unknown)
 
 
-def _judged(record: Written, settle: float) -> Written:
+def _judged(record: Written, settle: float, delay: Delay) -> Written:
     """The record with the error that its outcome stands for."""
     if record.outcome is Outcome.CONFIRMED:
         return record
@@ -74,7 +74,7 @@ def _judged(record: Written, settle: float) -> Written:
     asked, found = shown_value(record.asked), record.found.value
     if record.outcome is Outcome.NOT_APPLIED:
         error: Error = NotApplied(
-            f"{record.point}: the change to {asked} was acknowledged,"
+            f"{record.point}: the change to {asked} was acknowledged{_after_echo(delay)},"
             f" and after {settle:g} s the old value {shown_value(found)} is still read back",
             found=found,
         )
@@ -85,3 +85,8 @@ def _judged(record: Written, settle: float) -> Written:
             step="the read-back",
         )
     return replace(record, error=error)
+
+
+def _after_echo(delay: Delay) -> str:
+    """How late, where somebody measured it: an instrument may have dropped the change by then."""
+    return "" if delay.seconds is None else f" {delay.seconds * 1000:.0f} ms after its echo"

@@ -72,6 +72,22 @@ def test_not_applied() -> None:
     assert "after 0 s the old value 100.25 is still read back" in str(record.error)
 
 
+def test_not_applied_by_an_instrument_that_heard_of_it_late() -> None:
+    one = device(3, Profile("datalink", "datalink"), {"settle": "0"})
+    steps_of(one.read(one.point("B0")), response(0x8002, "06"), response(0x200, "00"))
+    conversation = one.write(one.prepare_write("C106", "150.5"))
+    next(conversation)
+    conversation.send(memory(OLD))
+    acknowledge = conversation.send(ECHO)
+    assert isinstance(acknowledge, Tell)
+    conversation.send(None)  # type: ignore[arg-type]
+    acknowledge.delay.seconds = 0.0724
+    with pytest.raises(StopIteration) as end:
+        conversation.send(memory(OLD))
+    said = str(end.value.value.error)
+    assert "was acknowledged 72 ms after its echo, and after 0 s the old value" in said
+
+
 def test_the_same_value_again_is_confirmed() -> None:
     _, record = written(memory(NEW), ECHO, memory(NEW))
     assert record.outcome is Outcome.CONFIRMED

@@ -5,11 +5,12 @@ from __future__ import annotations
 import pytest
 
 from multidrop.conversation import Ask, Tell
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols import PROTOCOLS
 from multidrop.protocols.slink3 import LINE, Command, Frame, Response
 from multidrop.protocols.slink3.relay import BROADCAST_HOLD, HARMLESS, Slink3Relay
 from multidrop.relay import Passage
+from multidrop.session import Session
 from multidrop.writing import Outcome
 
 RELAY = Slink3Relay()

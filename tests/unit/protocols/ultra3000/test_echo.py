@@ -11,9 +11,10 @@ from multidrop.catalog import load_profile
 from multidrop.conversation import Conversation
 from multidrop.errors import NoReply, OutcomeUnknown
 from multidrop.events import FrameReceived
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols.ultra3000 import LINE, Frame
 from multidrop.protocols.ultra3000.device import Ultra3000Device
+from multidrop.session import Session
 from multidrop.writing import Outcome
 from unit.protocols.ultra3000.wire import PRODUCT, Wire
 

@@ -15,7 +15,7 @@ from multidrop import errors
 from multidrop.catalog import load_profile
 from multidrop.decoder import Decoder
 from multidrop.events import Damaged, FrameReceived
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.profile import Profile
 from multidrop.protocols import ultra3000
 from multidrop.protocols.ultra3000 import Frame, Reply, Request, Slave
@@ -31,6 +31,7 @@ from multidrop.protocols.ultra3000.values import (
     parse_value,
     string,
 )
+from multidrop.session import Session
 from multidrop.writing import Outcome
 
 PROFILE = load_profile("ultra3000")

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from multidrop.conversation import Conversation
-from multidrop.exchange import Exchange, Session
+from multidrop.exchange import Exchange
 from multidrop.protocols.ultra3000 import LINE, Frame
 from multidrop.protocols.ultra3000.frame import READS, REFUSED
+from multidrop.session import Session
 
 Answer = str | bytes | None
 """Digits of a value, `!05` for a refusal, bytes as they stand on the wire, None for silence."""
