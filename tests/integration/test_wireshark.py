@@ -220,11 +220,9 @@ def test_the_10_000_frames_are_as_the_decode_command_prints_them(traffic: Traffi
         assert name == traffic.protocol(packet).name
         if packet.damaged:
             assert known["error"]["text"] == shown[f"{name}.damage"]
-        elif "error" not in known:  # of a line without byte stuffing decode sees damage
+        else:
             compared += 1
             printed_agrees(name, known, shown)
-        else:
-            assert isinstance(frame_of(name, packet.data), datalink.UnstuffedFrame)
     assert compared > 0.6 * FRAMES
 
 

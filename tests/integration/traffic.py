@@ -164,7 +164,12 @@ def talk_on(writer: CaptureWriter, plant: Plant, frames: int, *, echo: bool, see
     )
     line = Line(MemoryPort(wire.attach()), settings, LineOptions(echo="on" if echo else "off"))
     tap = CaptureTap(
-        writer, protocol, settings, "/dev/sim", wall=lambda now: START_NS + int(now * 1e9)
+        writer,
+        protocol,
+        settings,
+        "/dev/sim",
+        own=plant.options,
+        wall=lambda now: START_NS + int(now * 1e9),
     )
     line.taps.append(tap)
     until = writer.packets + frames

@@ -23,13 +23,13 @@ def _protocol(link_type: int) -> ProtocolModule | None:
     return Interface(link_type).protocol
 
 
-def events(packet: Packet, protocol: ProtocolModule | None) -> list[Event]:
+def events(packet: Packet, protocol: ProtocolModule | None, interface: Interface) -> list[Event]:
     """What is in a packet: one frame, or damage; more of them in captures of other programs."""
     if packet.damaged:
         return [Damaged(packet.data, packet.comment or "damaged")]
     if protocol is None:
         return [Damaged(packet.data, "no known protocol")]
-    decoder = protocol.decoder()
+    decoder = interface.settings(protocol).decoder() if interface.own else protocol.decoder()
     return [*decoder.receive_data(packet.data), *decoder.silence()]
 
 
@@ -37,7 +37,7 @@ def as_json(number: int, packet: Packet, interface: Interface) -> str:
     """A line for each frame: its fields by their names, bytes in hex."""
     protocol = _protocol(interface.link_type)
     lines = []
-    for event in events(packet, protocol):
+    for event in events(packet, protocol, interface):
         known: dict[str, Any] = {
             "v": 1,
             "number": number,
@@ -61,7 +61,7 @@ def as_text(number: int, packet: Packet, interface: Interface) -> str:
     clock = datetime.fromtimestamp(packet.time_ns // 10**9)
     time = f"{clock:%Y-%m-%d %H:%M:%S}.{packet.time_ns // 10**6 % 1000:03d}"
     lines = []
-    for event in events(packet, protocol):
+    for event in events(packet, protocol, interface):
         raw = event.raw.hex(" ").upper()
         if isinstance(event, Damaged):
             text = f"! {event.reason}"
