@@ -12,6 +12,7 @@ from pathlib import Path
 
 from bench import datalink, service, ultra3000
 from bench.codec import decoding, encoding
+from bench.decode import decoding_captures
 from bench.many_lines import many_lines
 from bench.measure import ROOT, Result
 from bench.memory import memory
@@ -23,6 +24,7 @@ from bench.transactions import transactions
 ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "decoding": decoding,
     "encoding": encoding,
+    "captures": decoding_captures,
     "transactions": transactions,
     "paced": paced,
     "lines": many_lines,

@@ -6,6 +6,7 @@ work on it begins some packets earlier, and what those give is left away.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections import deque
@@ -26,7 +27,7 @@ from multidrop.tools.listened import Listened, of_interface
 from multidrop.tools.records import STYLES, Filter, Shown
 from multidrop.tools.tally import Tally
 
-PART = 8 << 20  # bytes of a file
+PART = 4 << 20  # bytes of a file: some 60 MB of work
 BEFORE = 64  # packets that a part's work begins earlier
 MOST_SEARCHED = 4096  # packets in which every line must come to rest
 BACK_NS = 10**9
@@ -103,22 +104,23 @@ class _Work:
         self._last_ns: int | None = None
         self._out: list[str] = []
         self._done = Done(part.end)
-        self._packet = self._show_packet if decoding.style in frames.STYLES else self._follow
         shown: type[Shown] = STYLES.get(decoding.style, Shown)
         self._shown = shown(decoding.wanted, lambda at: base_ns + round(at * 1e9))
 
     def run(self) -> Done:
         reader, part, done = self._reader, self._part, self._done
         packets = reader.packets(part.start, part.end)
+        # not kept in self: that would refer to itself, and stay in memory
+        take = self._show_packet if self._decoding.style in frames.STYLES else self._follow
         if part.begin > part.start:
             for packet in packets:
-                self._packet(packet)
+                take(packet)
                 if reader.at >= part.begin:
                     break
             self._out.clear()
             done.tally, done.notes = Tally(), []
         for packet in packets:
-            self._packet(packet)
+            take(packet)
         if part.last or reader.ending:
             self._finish()
         if reader.ending:
@@ -250,7 +252,7 @@ def _in_order(
             yield decode_part(here, decoding, base_ns, part)
         return
     context = get_context("spawn")
-    with ProcessPoolExecutor(processes, context, initializer=_ignore_interrupts) as pool:
+    with ProcessPoolExecutor(processes, context, initializer=_begin_process) as pool:
         waiting: deque[Future[Done]] = deque()
         try:
             for here, part in parts(reader, decoding, size):
@@ -270,6 +272,10 @@ def _processors() -> int:
     return os.cpu_count() or 1
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C goes to the whole group; it is the parent's to end the work."""
+def _begin_process() -> None:
+    """Ctrl-C goes to the whole group, and it is the parent's to end the work.
+
+    Nothing here refers to itself, so looking for garbage is in vain: an eighth of the time.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.disable()

@@ -49,12 +49,15 @@ class FrameFollower:
 
     def packet(self, packet: Packet, end: float) -> list[Found]:
         data, _, flags, comment, _ = packet
-        sent = packet.sent if flags else None
-        if packet.damaged:
-            return self._observer.frame(Damaged(data, comment or "damaged"), end, sent)
-        events = self._decoder.receive_data(data)
-        if self._decoder.held:
-            events = [*events, *self._decoder.silence()]
+        sent = None
+        if flags:
+            sent = packet.sent
+            if packet.damaged:
+                return self._observer.frame(Damaged(data, comment or "damaged"), end, sent)
+        decoder = self._decoder
+        events = decoder.receive_data(data)
+        if decoder.held:
+            events = [*events, *decoder.silence()]
         if len(events) == 1:
             return self._observer.frame(events[0], end, sent)
         found: list[Found] = []

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from multidrop.io.audit import jsonable
@@ -17,6 +18,8 @@ from multidrop.points import Point, Sample
 from multidrop.tools.listened import Listened
 from multidrop.transaction import Damage, Stray, Transaction
 
+_json = json.JSONEncoder(ensure_ascii=False).encode
+_quoted = json.encoder.encode_basestring
 WallTime = Callable[[float], int]
 """The ns since 1970 of a time that an observer gave."""
 
@@ -121,8 +124,12 @@ class Filter:
 def utc(time_ns: int) -> str:
     """As every time in JSON: UTC with microseconds."""
     seconds, rest = divmod(time_ns, 10**9)
-    whole = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    return f"{whole}.{rest // 1000:06d}Z"
+    return f"{_whole_second(seconds)}.{rest // 1000:06d}Z"
+
+
+@lru_cache(maxsize=2)
+def _whole_second(seconds: int) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S")
 
 
 def fields(record: Record, line: Listened | None, time_ns: int) -> dict[str, Any]:
@@ -181,8 +188,62 @@ class Shown:
 
 
 class JsonLines(Shown):
+    """`fields` as JSON; what is the same for every sample of a point is put together once."""
+
+    MOST = 4096  # points that are remembered
+
+    def __init__(self, wanted: Filter, wall: WallTime) -> None:
+        super().__init__(wanted, wall)
+        self._known: dict[tuple[Any, ...], _Fixed] = {}
+
     def record(self, record: Record, line: Listened | None, time_ns: int) -> str:
-        return json.dumps(fields(record, line, time_ns), ensure_ascii=False) + "\n"
+        _, address, kind, point, sample, _, fault, ms, answer_ms, error, text = record
+        if sample is None or ms is None or answer_ms is None or error is not None:
+            return _json(fields(record, line, time_ns)) + "\n"
+        key = (id(line), id(point), address, kind, sample.type)
+        fixed = self._known.get(key)
+        if fixed is None:
+            fixed = self._remember(key, record, line)
+        value = sample.value
+        if fixed.scaled or type(value) is not int:
+            value = _json(jsonable(fixed.point.physical(value)))
+        raw = fixed.point.raw_text(sample.raw)
+        return (
+            f'{{"v": 1, "time": "{utc(time_ns)}{fixed.before_value}{value}{fixed.before_raw}{raw}", '
+            f'"fault": {_LITERALS[fault]}, "ms": {round(ms, 3)}, "answer_ms": {round(answer_ms, 3)}, '
+            f'"text": {_quoted(text)}}}\n'
+        )
+
+    def _remember(self, key: tuple[Any, ...], record: Record, line: Listened | None) -> _Fixed:
+        known = fields(record, line, 0)
+        before_value = {name: known[name] for name in ("device", "kind", "point", "name")}
+        before_raw = {name: known[name] for name in ("unit", "type")}
+        assert record.point is not None
+        description = record.point.description
+        fixed = _Fixed(
+            f'", {_json(before_value)[1:-1]}, "value": ',
+            f', {_json(before_raw)[1:-1]}, "raw": "',
+            record.point,
+            line,
+            description is not None and description.scale != 1.0,
+        )
+        if len(self._known) == self.MOST:
+            self._known.clear()
+        self._known[key] = fixed
+        return fixed
+
+
+class _Fixed(NamedTuple):
+    """What is the same for every sample of a point. It keeps point and line: their ids are its key."""
+
+    before_value: str
+    before_raw: str
+    point: Point
+    line: Listened | None
+    scaled: bool
+
+
+_LITERALS = {None: "null", True: "true", False: "false"}
 
 
 class Csv(Shown):
