@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from pathlib import Path
 from typing import Any
@@ -283,3 +284,17 @@ def test_packets_of_another_writer_may_hold_several_frames(tmp_path: Path) -> No
     found, _ = decoded(path)
     assert [item["kind"] for item in found] == ["read", "damage"]
     assert found[0]["value"] == 7
+
+
+def test_a_part_leaves_nothing_in_memory(tmp_path: Path) -> None:
+    """Worker processes look for no garbage, so there must be none."""
+    path = tmp_path / "a.pcapng"
+    busy(path, 500)
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in decode(str(path), Decoding("json"), processes=1, size=10_000):
+            pass
+        assert not [item for item in gc.get_objects() if type(item).__name__ == "_Work"]
+    finally:
+        gc.enable()
