@@ -59,7 +59,9 @@ def _port_options(command: Any) -> Any:
 @click.option("--format", "formats", multiple=True, metavar="8E1", help="in this one; repeatable")
 @click.option("--addresses", metavar="0..31", help="only these, as in 0..31 or 0,2,7..9")
 @click.option("--all-settings", is_flag=True, help="all bauds and formats that devices may have")
-@click.option("--first", is_flag=True, help="end with the first setting at which somebody answers")
+@click.option(
+    "--first", is_flag=True, help="end with the first protocol and setting that is answered"
+)
 @click.option("--timeout", type=float, metavar="S", help=f"s for an answer ({WAIT:g})")
 @click.option("--thorough", is_flag=True, help=f"{LATE:g} s for each answer")
 @click.option("--listen", type=float, default=LISTEN, metavar="S", help=f"s before ({LISTEN:g})")
