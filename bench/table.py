@@ -18,6 +18,7 @@ from bench.measure import ROOT, Result
 from bench.memory import memory
 from bench.paced import paced
 from bench.scan import scan
+from bench.share import share
 from bench.startup import startup
 from bench.transactions import transactions
 
@@ -28,6 +29,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "transactions": transactions,
     "paced": paced,
     "lines": many_lines,
+    "share": share,
     "service": service.rows,
     "scan": scan,
     "startup": startup,
