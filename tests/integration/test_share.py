@@ -196,7 +196,10 @@ def test_an_allowed_write_is_logged_with_who_wrote(tmp_path: Path) -> None:
         assert {line["who"] for line in lines} == {client}
         assert {line["from"] for line in lines} == {"share"}
         assert lines[0]["device"].startswith("slink3:2@tcp://")
-        assert "1111:int16 := 7" in lines[0]["point"]
+        assert [(line["point"], line["asked"]) for line in lines] == [
+            ("1111", 7),
+            ("9999", 7),
+        ]
 
     run(test())
 

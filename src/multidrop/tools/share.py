@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from multidrop.errors import NoReply, NotApplied, PortError, UsageError
-from multidrop.io.audit import AuditLog
+from multidrop.io.audit import AuditLog, shown
 from multidrop.io.connection import Target
 from multidrop.io.listen import Caller, Listener, listen
 from multidrop.io.turns import Priority
@@ -284,19 +284,23 @@ class Share:
         return PROTOCOLS[self._protocol].describe(frame)
 
     def _record(self, client: Client, written: Any, answer: Any, outcome: Outcome) -> None:
-        """One line in the log of writes."""
+        """A line in the log of writes for each point, or for what is none."""
         assert self._protocol is not None
-        port = self._targets[self._protocol].port
+        target = self._targets[self._protocol]
+        meaning = target.protocol.explain([written], target.profile)
+        asked = [(point.text, shown(sample, point.description)) for point, sample in meaning.values]
         facts = {} if answer is None else {"answer": self._described(answer)}
         try:
-            self._rules.audit.append(
-                f"{self._protocol}:{written.address}@{port}",
-                self._described(written),
-                who=client.name,
-                outcome=outcome.value,
-                raw=written.encode().hex(),
-                **facts,
-            )
+            for point, value in asked or [(self._described(written), None)]:
+                self._rules.audit.append(
+                    f"{self._protocol}:{written.address}@{target.port}",
+                    point,
+                    who=client.name,
+                    asked=value,
+                    outcome=outcome.value,
+                    frame=written.encode().hex(),
+                    **facts,
+                )
         except OSError as error:  # it could be written just before
             text = f"{client.name} wrote, and the log of writes was lost: {error}"
             self._tell(Event("audit-failed", text, client.name))
