@@ -36,7 +36,8 @@ class Meaning(NamedTuple):
     asked to be written, whether or not it was taken. `fault` is the device's
     fault bit, None without an answer or in a protocol without such a bit.
     `complete` is False where more frames may belong to it: a question without
-    its answer, a Datalink change before its Acknowledge.
+    its answer, a Datalink change before its Acknowledge. `unread` are the points
+    that were to be read, where no value came.
     """
 
     kind: Kind
@@ -45,6 +46,7 @@ class Meaning(NamedTuple):
     refusal: Refusal | None = None
     fault: bool | None = None
     complete: bool = True
+    unread: tuple[Point, ...] = ()
 
 
 class Heard(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
@@ -73,7 +73,7 @@ def records(found: Found) -> Iterator[Record]:
 
 def _of_transaction(found: Transaction) -> Iterator[Record]:
     frames, meaning, address, answer_ms, _ = found
-    kind, text, values, refusal, fault, _ = meaning
+    kind, text, values, refusal, fault, _, unread = meaning
     end = frames[-1].end
     error: dict[str, Any] | None = None
     ms = None
@@ -83,7 +83,8 @@ def _of_transaction(found: Transaction) -> Iterator[Record]:
         ms = (end - frames[0].start) * 1000
     elif len(frames) == 1 and not meaning.complete:
         error = {"kind": NO_REPLY, "text": "no answer"}
-    for point, sample in values or ((None, None),):
+    pairs: Sequence[tuple[Point | None, Sample | None]] = values
+    for point, sample in pairs or [(point, None) for point in unread] or [(None, None)]:
         yield Record(
             end, address, kind.value, point, sample, None, fault, ms, answer_ms, error, text
         )
@@ -141,8 +142,9 @@ def fields(record: Record, line: Listened | None, time_ns: int) -> dict[str, Any
     if record.address is not None and line is not None:
         known["device"] = line.device(record.address)
     known["kind"] = record.kind
-    if point is not None and sample is not None:
+    if point is not None:
         known["point"], known["name"], known["unit"] = point.text, point.name, point.unit
+    if point is not None and sample is not None:
         known["value"] = jsonable(point.physical(sample.value))
         known["type"] = sample.type
         known["raw"] = point.raw_text(sample.raw)

@@ -55,6 +55,7 @@ def test_a_read_a_refusal_and_a_question_without_an_answer(tmp_path: Path) -> No
         "text": "read ipa_1009 (1009) = 125",
     }
     assert refused["error"] == {"kind": "refused", "code": 1, "text": "parameter does not exist"}
+    assert (refused["point"], refused["value"], silent["point"]) == ("77", None, "1009")
     assert refused["answer_ms"] == pytest.approx(4.0, abs=0.002)
     assert silent["error"] == {"kind": "no-reply", "text": "no answer"}
     assert (silent["device"], silent["ms"]) == ("slink3:5@/dev/ttyUSB0", None)
@@ -192,6 +193,7 @@ def test_filters(tmp_path: Path) -> None:
     assert count(devices=("flexmax:*",)) == len(infeed)
     ipa = [line for line in everything if line["name"] == "ipa_1009"]
     assert count(points=("ipa*",)) == count(points=("1009",)) == len(ipa) > 100
+    assert count(points=("1009",), kinds=("refused",)) > 3
     for kind, key in (("refused", "refused"), ("no-reply", "no-reply"), ("damage", "damaged")):
         of_kind = [line for line in everything if line.get("error", {}).get("kind") == key]
         assert count(kinds=(kind,)) == len(of_kind) > 3

@@ -59,7 +59,8 @@ class _Explainer:
         points = self._points(memory_address, count)
         if len(frames) == 1:
             names = ", ".join(placed.shown for placed in points) or f"{memory_address:04X}h/0"
-            return Meaning(Kind.READ, f"read {names}: no answer", complete=False)
+            unread = tuple(placed.point for placed in points)
+            return Meaning(Kind.READ, f"read {names}: no answer", complete=False, unread=unread)
         values, text = _values(points, frames[1].data, "=")
         return Meaning(Kind.READ, f"read {text}" if values else describe(frames[1]), values)
 

@@ -69,6 +69,7 @@ class _Asked:
     values: Values = ()
     found: Callable[[bytes, bool | None], Found] | None = None
     expected: int = Response.OK
+    unread: tuple[Point, ...] = ()  # what it reads
 
 
 class _Explainer:
@@ -90,7 +91,11 @@ class _Explainer:
             return self._answered(asked, frames[1])
         if question.address > LAST_ADDRESS:
             return Meaning(asked.kind, f"broadcast {asked.text}", asked.values)
-        return Meaning(asked.kind, f"{asked.text}: no answer", asked.values, complete=False)
+        return Meaning(
+            *(asked.kind, f"{asked.text}: no answer", asked.values),
+            complete=False,
+            unread=asked.unread,
+        )
 
     # -- questions -------------------------------------------------------------------------
 
@@ -125,9 +130,8 @@ class _Explainer:
     ) -> _Asked:
         point = point_of(parameter, question.destination, self._profile, self._dialect)
         if question.code in READS:
-            if isinstance(parameter, TypedParameter):
-                return _Asked(Kind.READ, f"read {point}", (), partial(_typed, point))
-            return _Asked(Kind.READ, f"read {point}", (), partial(_standard, point))
+            found = partial(_typed if isinstance(parameter, TypedParameter) else _standard, point)
+            return _Asked(Kind.READ, f"read {point}", (), found, unread=(point,))
         if isinstance(parameter, TypedParameter):
             sample = _sample(parameter.type_code, value, None)
         else:
@@ -155,7 +159,8 @@ class _Explainer:
             said = f": refused with {code:04X}h, {refusal.text}"
         if fault:
             said += ", FAULT"
-        return Meaning(asked.kind, asked.text + said, values, refusal, fault)
+        unread = () if values else asked.unread
+        return Meaning(asked.kind, asked.text + said, values, refusal, fault, unread=unread)
 
 
 _explainer = OfProfile(_Explainer)

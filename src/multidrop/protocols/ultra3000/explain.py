@@ -108,7 +108,11 @@ class _Explainer:
             return _answered(asked, frames[1])
         if question.address > LAST_ADDRESS:
             return Meaning(asked.kind, f"broadcast {asked.text}", asked.values)
-        return Meaning(asked.kind, f"{asked.text}: no answer", asked.values, complete=False)
+        return Meaning(
+            *(asked.kind, f"{asked.text}: no answer", asked.values),
+            complete=False,
+            unread=() if asked.point is None else (asked.point,),
+        )
 
 
 _explainer = OfProfile(_Explainer)
@@ -141,7 +145,8 @@ def _answered(asked: _Asked, answer: Frame) -> Meaning:
         code = int(data, 16) if data else None
         meaning = refusal_meaning(code) if code is not None else "no code"
         said = f"{text}: refused with {data or 'nothing'}, {meaning}"
-        return Meaning(kind, said, values, Refusal(code, meaning))
+        unread = () if point is None else (point,)
+        return Meaning(kind, said, values, Refusal(code, meaning), unread=unread)
     if point is not None:
         sample = _sample(point, data)
         return Meaning(kind, f"{text} = {shown(point, sample)}", ((point, sample),))

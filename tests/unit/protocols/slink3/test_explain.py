@@ -41,7 +41,7 @@ def test_a_read_gives_point_name_and_value() -> None:
     meaning = explain([READ, answer(0, "03 2C 20 D2 04")], FLEXMAX)
     assert meaning[:2] == (Kind.READ, "read index_8236 (8236) = 1234")
     assert of(meaning) == [("8236", "index_8236", 1234, "int16")]
-    assert meaning[3:] == (None, False, True)
+    assert meaning[3:] == (None, False, True, ())
     assert meaning.values[0][1].raw == b"\xd2\x04"
 
 
@@ -156,6 +156,14 @@ def test_what_was_asked_to_be_written_is_its_value_even_refused() -> None:
     meaning = explain([WRITE, answer(0x12)], ANY)
     assert of(meaning) == [("8236", None, 1234, "int16")]
     assert meaning.refusal == Refusal(0x12, "above the maximum")
+
+
+@pytest.mark.parametrize("frames", [[READ], [READ, answer(1)]])
+def test_a_read_without_a_value_names_its_point(frames: list[Frame]) -> None:
+    meaning = explain(frames, FLEXMAX)
+    assert meaning.values == ()
+    assert [point.text for point in meaning.unread] == ["8236"]
+    assert explain([READ, answer(0, "03 2C 20 D2 04")], FLEXMAX).unread == ()
 
 
 def test_a_broadcast_waits_for_nobody() -> None:

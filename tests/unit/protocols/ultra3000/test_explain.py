@@ -158,6 +158,9 @@ def test_refusals() -> None:
     assert of(meaning) == [("0x06D", "setpoint_velocity", 100, "int32")]
     nothing = explain([question, refused(question, "")], DRIVE)
     assert nothing.refusal == Refusal(None, "no code")
+    read = ask(0x06D)
+    for frames in ([read], [read, refused(read, "05")]):
+        assert [point.name for point in explain(frames, DRIVE).unread] == ["setpoint_velocity"]
     alone = explain([refused(question, "04")], DRIVE)
     assert alone == Meaning(Kind.OTHER, "1 06D write working refused: below the minimum")
 
