@@ -204,6 +204,26 @@ def test_an_allowed_write_is_logged_with_who_wrote(tmp_path: Path) -> None:
     run(test())
 
 
+def test_a_write_that_never_went_out_is_not_logged(tmp_path: Path) -> None:
+    """Whether the line hears itself cannot be found out: only a read was sent."""
+
+    async def test() -> None:
+        log = tmp_path / "audit.jsonl"
+        line = wire("ultra3000", ("ultra3000", 0))
+        async with (
+            shared("ultra3000", line, allow_writes=True, audit=log, timeout="0.05") as sharing,
+            sharing.socket() as (_, writer),
+            sharing.master() as other,
+        ):
+            writer.write(ultra3000.Frame(5, 0x06D, 1, "0001").encode())
+            await sharing.told("port-open")
+            assert await other.run(ultra3000.Master(0).read(0x000))
+            assert [frame.function for sent, frame in sharing.passed if sent] == [0, 0]
+        assert log.read_text() == ""
+
+    run(test())
+
+
 def test_nothing_is_written_that_cannot_be_logged(tmp_path: Path) -> None:
     async def test() -> None:
         log = tmp_path / "folder" / "audit.jsonl"
@@ -441,6 +461,7 @@ def test_a_flood_harms_only_itself() -> None:
             own = sum(frame.data[1:] == b"\xf1\x03" for frame in during)
             assert own == 20
             assert len(during) <= 3 * own
+            assert any(client.paused for client in sharing.share._clients)
             stop.set()
             await flooding
             assert sharing.share.counts.dropped > 0
