@@ -1,7 +1,7 @@
 """Decodes captures of any length: in parts, on several processors, in order, in little memory.
 
-A part begins where every line is at rest, so that no transaction is cut; the
-work on it begins some packets earlier, and what those give is left away.
+The work on a part begins some packets before it, and what comes out of those is
+left away: a transaction that is open where a part ends comes out of the next.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
+from itertools import islice
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -29,7 +30,6 @@ from multidrop.tools.tally import Tally
 
 PART = 4 << 20  # bytes of a file: some 60 MB of work
 BEFORE = 64  # packets that a part's work begins earlier
-MOST_SEARCHED = 4096  # packets in which every line must come to rest
 BACK_NS = 10**9
 """A clock that goes back by more was set, or two captures were put together."""
 PAUSE_NS = 3600 * 10**9
@@ -37,12 +37,16 @@ PAUSE_NS = 3600 * 10**9
 
 
 class Part(NamedTuple):
-    """Packets from `start` on (the beginning of a block), wanted from `begin` on, up to `end`."""
+    """Packets from `start` on (the beginning of a block), wanted from `begin` on, up to `end`.
+
+    The work on the next part begins at `following`, which is before `end`.
+    """
 
     start: int
     begin: int
     end: int
     first: int  # number of the packet at `start`, counted from 1
+    following: int
     last: bool = False
 
 
@@ -100,6 +104,7 @@ class _Work:
         self._base_ns = base_ns
         self._part = part
         self._followers: dict[int, Follower] = {}
+        self._heard_at: dict[int, int] = {}  # where in the file each line was heard last
         self._number = part.first - 1
         self._last_ns: int | None = None
         self._out: list[str] = []
@@ -121,8 +126,7 @@ class _Work:
             done.tally, done.notes = Tally(), []
         for packet in packets:
             take(packet)
-        if part.last or reader.ending:
-            self._finish()
+        self._finish(reader.size if reader.ending else part.following)
         if reader.ending:
             done.notes.append(reader.ending)
             done.broken = True
@@ -140,6 +144,7 @@ class _Work:
             interface = self._reader.interfaces[number]
             follower = self._decoding.follower(interface, self._done.notes)
             self._followers[number] = follower
+        self._heard_at[number] = self._reader.at
         found = follower.packet(packet, (time_ns - self._base_ns) / 1e9)
         if found:
             self._show(follower.line, found)
@@ -157,9 +162,11 @@ class _Work:
             self._done.tally.count(item, line)
             self._out.append(self._shown(item, line))
 
-    def _finish(self) -> None:
-        for follower in self._followers.values():
-            self._show(follower.line, follower.finish())
+    def _finish(self, at: int) -> None:
+        """What is open on the lines that were not heard behind `at`."""
+        for number, follower in self._followers.items():
+            if self._heard_at[number] <= at:
+                self._show(follower.line, follower.finish())
 
     def _check_clock(self, time_ns: int) -> None:
         last, self._last_ns = self._last_ns, time_ns
@@ -169,7 +176,7 @@ class _Work:
         if time_ns < last:
             back = (last - time_ns) / 1e9
             self._done.notes.append(f"{where}: the clock goes back by {back:,.1f} s")
-            self._finish()  # nothing belongs together across that
+            self._finish(self._reader.size)  # nothing belongs together across that
         else:
             hours = (time_ns - last) / 3600e9
             self._done.notes.append(
@@ -185,9 +192,7 @@ def decode_part(reader: CaptureReader, decoding: Decoding, base_ns: int, part: P
 # -- the whole -----------------------------------------------------------------------------------
 
 
-def parts(
-    reader: CaptureReader, decoding: Decoding, size: int = PART
-) -> Iterator[tuple[CaptureReader, Part]]:
+def parts(reader: CaptureReader, size: int = PART) -> Iterator[tuple[CaptureReader, Part]]:
     """Cuts a capture; each part with a reader that knows the interfaces before it."""
     here = reader.copy()
     start = begin = at = 0
@@ -197,30 +202,22 @@ def parts(
         number += skipped
         if at + size // 2 >= reader.size:
             break
-        boundary = _rest(reader, decoding, at)
+        boundary = _boundary(reader, at)
         if boundary is None:
             continue
-        yield here, Part(start, begin, boundary, first)
+        yield here, Part(start, begin, boundary, first, at)
         here = reader.copy()
         start, begin, first = at, boundary, number
-    yield here, Part(start, begin, reader.size, first, last=True)
+    yield here, Part(start, begin, reader.size, first, reader.size, last=True)
 
 
-def _rest(reader: CaptureReader, decoding: Decoding, start: int) -> int | None:
-    """Where all lines are at rest, some packets behind `start`; None where that does not come."""
+def _boundary(reader: CaptureReader, start: int) -> int | None:
+    """Where a part may begin whose work begins at `start`; None on lines of no known protocol."""
     probe = reader.copy()
-    followers: dict[int, Follower] = {}
-    for count, packet in enumerate(probe.packets(start)):
-        follower = followers.get(packet.interface)
-        if follower is None:
-            follower = decoding.follower(probe.interfaces[packet.interface], [])
-            followers[packet.interface] = follower
-        follower.packet(packet, packet.time_ns / 1e9)
-        if count >= BEFORE and all(item.at_rest for item in followers.values()):
-            return probe.at
-        if count == MOST_SEARCHED:
-            break
-    return None
+    for packet in islice(probe.packets(start), BEFORE):
+        if probe.interfaces[packet.interface].protocol is None:
+            return None
+    return probe.at
 
 
 def decode(
@@ -248,14 +245,14 @@ def _in_order(
     reader: CaptureReader, decoding: Decoding, base_ns: int, size: int, processes: int
 ) -> Iterator[Done]:
     if processes == 1:
-        for here, part in parts(reader, decoding, size):
+        for here, part in parts(reader, size):
             yield decode_part(here, decoding, base_ns, part)
         return
     context = get_context("spawn")
     with ProcessPoolExecutor(processes, context, initializer=_begin_process) as pool:
         waiting: deque[Future[Done]] = deque()
         try:
-            for here, part in parts(reader, decoding, size):
+            for here, part in parts(reader, size):
                 waiting.append(pool.submit(decode_part, here, decoding, base_ns, part))
                 if len(waiting) > processes + 1:
                     yield waiting.popleft().result()

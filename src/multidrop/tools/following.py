@@ -13,18 +13,11 @@ from multidrop.tools.listened import Listened
 from multidrop.tools.telling import Piece, Telling
 from multidrop.transaction import Damage
 
-FOREVER = float("inf")
-
 
 class Follower(Protocol):
     """One line of a capture. `line` is None while its protocol is not known."""
 
     line: Listened | None
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether nothing is waited for: what comes next begins anew."""
-        ...
 
     def packet(self, packet: Packet, end: float) -> list[Found]:
         """What a packet completes whose last byte had passed at `end`."""
@@ -42,10 +35,6 @@ class FrameFollower:
         self.line: Listened | None = line
         self._observer = line.observer()
         self._decoder = line.settings.decoder()
-
-    @property
-    def at_rest(self) -> bool:
-        return self._observer.deadline == FOREVER
 
     def packet(self, packet: Packet, end: float) -> list[Found]:
         data, _, flags, comment, _ = packet
@@ -71,8 +60,6 @@ class FrameFollower:
 
 class RawFollower:
     """A line of bytes whose protocol has to be told first."""
-
-    at_rest = False
 
     def __init__(
         self,

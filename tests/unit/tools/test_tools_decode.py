@@ -124,6 +124,24 @@ def test_parts_after_a_new_section(tmp_path: Path) -> None:
     ]
 
 
+def test_parts_of_several_lines(tmp_path: Path) -> None:
+    """What is open on a line that is silent from then on comes out all the same."""
+    path = tmp_path / "a.pcapng"
+    talk = Talk(path)
+    others = [talk.writer.add_line(SLINK3, LINE, f"COM{number}") for number in range(3)]
+    for number in range(1200):
+        if number % 300 == 100:
+            talk.writer.add(others[number // 300 % 3], question(7, 1).encode(), talk.now)
+        talk.say(question(1, number % 16))
+        talk.say(answer(question(1, number % 16), number))
+    talk.close()
+    whole, _ = decoded(path)
+    cut, done = decoded(path, processes=1, size=20_000)
+    assert len(done) > 4
+    assert len(cut) == len(whole) == 1204
+    assert sorted(map(str, cut)) == sorted(map(str, whole))
+
+
 def test_a_clock_that_jumps_is_told_and_pairs_nothing(tmp_path: Path) -> None:
     path = tmp_path / "a.pcapng"
     talk = Talk(path)

@@ -71,3 +71,10 @@ def test_frames_between_much_garbage_are_chance() -> None:
         telling.receive(Piece(frame + b"\x55" * 30, 0.0, False))
         telling.silence()
     assert telling.protocol is None
+
+
+def test_frames_without_a_checksum_prove_nothing() -> None:
+    telling = Telling(PROTOCOLS)
+    for _ in range(50):
+        telling.receive(Piece(datalink.Frame(0x80, 1).encode(), 0.0, False))
+    assert telling.protocol is None
