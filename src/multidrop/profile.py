@@ -51,7 +51,10 @@ class Profile:
             raise UsageError(f"{file}: unknown key {key!r}{nearest(key, ('profile', 'points'))}")
         if not isinstance(head, dict) or not isinstance(points, dict):
             raise UsageError(f"{file}: a [profile] table and [points.NAME] tables are expected")
-        described = {name: _description(name, entry, file) for name, entry in points.items()}
+        described = {
+            name: described_point(name, entry, f"{file}: points.{name}")
+            for name, entry in points.items()
+        }
         keys = {item.name: item.type for item in fields(cls) if item.name != "points"}
         check_keys(head, keys, f"{file}: profile")
         for required in ("name", "protocol"):
@@ -88,8 +91,8 @@ class OfProfile(Generic[ResultT]):
 _POINT_KEYS = {item.name: item.type for item in fields(PointDescription) if item.name != "name"}
 
 
-def _description(name: str, entry: Any, file: str) -> PointDescription:
-    where = f"{file}: points.{name}"
+def described_point(name: str, entry: Any, where: str) -> PointDescription:
+    """The point of a table as a profile has it. Raises `UsageError` that begins with `where`."""
     if not isinstance(entry, dict):
         raise UsageError(f"{where} is not a table")
     check_keys(entry, _POINT_KEYS, where)
@@ -158,4 +161,11 @@ def nearest(word: str, known: Any) -> str:
     return f" - did you mean {found[0]!r}?" if found else ""
 
 
-__all__ = ["OfProfile", "PointDescription", "Profile", "check_keys", "nearest"]
+__all__ = [
+    "OfProfile",
+    "PointDescription",
+    "Profile",
+    "check_keys",
+    "described_point",
+    "nearest",
+]

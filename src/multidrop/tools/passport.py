@@ -6,7 +6,6 @@ The format is TOML with one point a line; docs/reference/passport.md specifies i
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ from typing import Any
 from multidrop.errors import UsageError
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
+from multidrop.tools.toml_text import toml_value
 
 VERSION = 1
 _BYTES = "bytes"
@@ -67,14 +67,14 @@ class Passport:
             "# multidrop passport: all readable points of one device, one line each.",
             "# The checksum at the end finds damage; it proves no author.",
             f"passport = {VERSION}",
-            f"device = {_toml(self.device)}",
-            f"profile = {_toml(self.profile)}",
-            f"profile_version = {_toml(self.profile_version)}",
+            f"device = {toml_value(self.device)}",
+            f"profile = {toml_value(self.profile)}",
+            f"profile_version = {toml_value(self.profile_version)}",
             f"address = {self.address}",
             f"baud = {self.baud}",
-            f"format = {_toml(self.format)}",
+            f"format = {toml_value(self.format)}",
             f"time = {self.time.astimezone(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}",
-            f"multidrop = {_toml(self.multidrop)}",
+            f"multidrop = {toml_value(self.multidrop)}",
         ]
         points = [_line(entry) for entry in self.points.values()]
         unreadable = [_line(unread) for unread in self.unreadable.values()]
@@ -148,18 +148,9 @@ def _line(item: Entry | Unread) -> str:
     else:
         given["reason"] = item.reason
     inside = ", ".join(
-        f"{key} = {_toml(value)}" for key, value in given.items() if value is not None
+        f"{key} = {toml_value(value)}" for key, value in given.items() if value is not None
     )
-    return f"{_toml(item.point)} = {{ {inside} }}"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)  # nan and inf are written alike in both
-    text = value.hex() if isinstance(value, bytes) else value
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return f"{toml_value(item.point)} = {{ {inside} }}"
 
 
 # -- reading ----------------------------------------------------------------------------------
