@@ -40,10 +40,10 @@ def pages() -> dict[Path, str]:
     written = {PROFILES / f"{profile.name}.md": _profile(profile) for profile in profiles}
     written[PROFILES / "index.md"] = _index(profiles)
     text = (DOCS / COMMAND_LINE).read_text(encoding="utf-8")
-    for name in set(COMMANDS) - set(re.findall(r"<!-- options: ([\w-]+) -->", text)):
+    for name in set(COMMANDS) - set(re.findall(r"<!-- options: ([\w-]+)[\w -]* -->", text)):
         raise SystemExit(f"docs/{COMMAND_LINE} says nothing of the command {name!r}")
     written[COMMAND_LINE] = re.sub(
-        r"(<!-- options: ([\w-]+) -->\n).*?(<!-- end -->)", _options, text, flags=re.DOTALL
+        r"(<!-- options: ([\w -]+) -->\n).*?(<!-- end -->)", _options, text, flags=re.DOTALL
     )
     lua = (DOCS / wireshark_tables.LUA).read_text(encoding="utf-8")
     written[wireshark_tables.LUA] = wireshark_tables.with_tables(lua)
@@ -193,7 +193,7 @@ def _options(found: re.Match[str]) -> str:
     if name == "shared":
         options = [item for item in _declared("write") if _is_shared(item)]
     else:
-        if name not in COMMANDS:
+        if name.partition(" ")[0] not in COMMANDS:
             raise SystemExit(f"{COMMAND_LINE}: there is no command {name!r}")
         options = [item for item in _declared(name) if not _is_shared(item)]
     rows = [(f"`{_spelled(item)}`", _meaning(item)) for item in options]
@@ -202,7 +202,10 @@ def _options(found: re.Match[str]) -> str:
 
 
 def _declared(name: str) -> list[click.Option]:
-    command = cli.get_command(click.Context(cli), name)
+    command: click.Command | None = cli
+    for word in name.split():  # a command, or one of a command's own
+        assert isinstance(command, click.Group)
+        command = command.get_command(click.Context(command), word)
     assert command is not None
     return [item for item in command.params if isinstance(item, click.Option) and not item.hidden]
 

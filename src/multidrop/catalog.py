@@ -1,7 +1,15 @@
-"""The profiles that ship with multidrop, and a user's own."""
+"""The profiles that ship with multidrop, and a user's own.
+
+Found by name, in this order: the shipped ones, whose names nobody else can take;
+the `profiles` folder of the plant file; the one in the user's configuration.
+"""
 
 from __future__ import annotations
 
+import os
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from multidrop.errors import UsageError
@@ -9,6 +17,21 @@ from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
 
 SHIPPED = Path(__file__).with_name("profiles")
+CONFIG, CONFIG_ENVIRONMENT = "multidrop.toml", "MULTIDROP_CONFIG"
+FOLDER = "profiles"
+"""Beside the plant file, unless that names another with `profiles = "FOLDER"`."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnFile:
+    """A profile of the user's own, and why it cannot be used by its name, if so."""
+
+    path: Path
+    problem: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
 
 
 def profile_names() -> list[str]:
@@ -17,19 +40,75 @@ def profile_names() -> list[str]:
     return sorted(shipped | set(PROTOCOLS))
 
 
-def load_profile(name: str) -> Profile:
-    """The profile of this name, or of this file. Raises `UsageError` with the nearest name."""
+def load_profile(name: str, config: Path | None = None) -> Profile:
+    """The profile of this name, or of this file; `config` is the plant file.
+
+    Raises `UsageError` with the nearest name.
+    """
     if name.endswith(".toml"):
         return profile_file(Path(name))
     shipped = SHIPPED / f"{name}.toml"
-    if "/" not in name and "\\" not in name and shipped.is_file():
+    plain = "/" not in name and "\\" not in name
+    if plain and shipped.is_file():
         return Profile.from_toml(shipped.read_text(encoding="utf-8"), f"{name}.toml")
     if name in PROTOCOLS:
         return Profile(name=name, protocol=name, title=f"any {name} device")
-    names = profile_names()
+    places = folders(config)
+    for folder in places if plain else ():
+        path = folder / f"{name}.toml"
+        if path.is_file():
+            return _named(path)
+    names = [*profile_names(), *(own.name for own in own_files(config) if not own.problem)]
+    looked = f"; looked for {name}.toml in {' and '.join(map(str, places))}" if plain else ""
     raise UsageError(
-        f"there is no profile {name!r}{nearest(name, names)}; profiles are {', '.join(names)}"
+        f"there is no profile {name!r}{nearest(name, names)}; profiles are {', '.join(names)}{looked}"
     )
+
+
+def _named(path: Path) -> Profile:
+    profile = profile_file(path)
+    if profile.name != path.stem:
+        raise UsageError(
+            f"{path}: profile.name is {profile.name!r}, and the file is found as {path.stem!r}:"
+            " give both one name"
+        )
+    return profile
+
+
+def own_files(config: Path | None = None) -> Iterator[OwnFile]:
+    """The user's own profiles, as they are found by name."""
+    taken = dict.fromkeys(profile_names(), "a profile that multidrop ships")
+    for folder in folders(config):
+        for path in sorted(folder.glob("*.toml")):
+            if path.stem in taken:
+                yield OwnFile(path, f"the name is that of {taken[path.stem]}")
+                continue
+            taken[path.stem] = str(path)
+            try:
+                _named(path)
+            except UsageError as error:
+                yield OwnFile(path, str(error))
+            else:
+                yield OwnFile(path)
+
+
+def folders(config: Path | None = None) -> list[Path]:
+    """Where profiles are looked for that do not ship. Raises `UsageError` for a wrong `profiles` key."""
+    import platformdirs
+
+    plant = config or Path(os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
+    beside = [_folder_of(plant)] if plant.is_file() else []
+    return [*beside, platformdirs.user_config_path("multidrop") / FOLDER]
+
+
+def _folder_of(plant: Path) -> Path:
+    try:
+        found = tomllib.loads(plant.read_text(encoding="utf-8")).get("profiles", FOLDER)
+    except (OSError, ValueError):  # whoever reads the plant says what is wrong with it
+        found = FOLDER
+    if not isinstance(found, str):
+        raise UsageError(f"{plant}: profiles is {found!r}, which is no folder's name")
+    return plant.parent / found
 
 
 def profile_file(path: Path) -> Profile:
@@ -46,4 +125,17 @@ def profile_file(path: Path) -> Profile:
             f"{path}: profile.protocol {profile.protocol!r}{nearest(profile.protocol, PROTOCOLS)}"
             f" is none of {', '.join(PROTOCOLS)}"
         )
+    check_points(profile, str(path))
     return profile
+
+
+def check_points(profile: Profile, file: str) -> None:
+    """Can every point be said in its protocol? Raises `UsageError` that names file, point and reason."""
+    where = f"{file}: profile"
+    try:
+        device = PROTOCOLS[profile.protocol].device(0, profile, {})
+        for name in profile.points:
+            where = f"{file}: points.{name}"
+            device.points(name)
+    except UsageError as error:
+        raise UsageError(f"{where}: {error}") from None

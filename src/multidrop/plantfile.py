@@ -2,6 +2,7 @@
 
 ::
 
+    profiles = "profiles"                      # the folder of the site's own profiles
     [line.press]
     port = "/dev/serial/by-id/usb-FTDI_1234"   # and the keys of a device's name
     [line.press.device.infeed]
@@ -73,7 +74,7 @@ def parse_plant(text: str, file: str, load_profile: Callable[[str], Profile]) ->
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{file}: not TOML: {error}") from None
-    _known(data, {"line"}, file)
+    _known(data, {"line", "profiles"}, file)
     ports: dict[str, str] = {}
     devices: dict[str, PlantDevice] = {}
     for line, entry in _tables(data.get("line", {}), f"{file}: line"):

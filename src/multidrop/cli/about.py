@@ -1,4 +1,4 @@
-"""`multidrop ports`, `profiles`, `points`: what is there and what is known."""
+"""`multidrop ports`, `points`: what is there and what is known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from multidrop.catalog import load_profile, profile_names
+from multidrop.catalog import load_profile
 from multidrop.profile import PointDescription
 
 PLAIN_WIDTH = 240
@@ -42,20 +42,6 @@ def ports(json: bool) -> None:
     print_table(("port", "adapter", "state", "latency"), rows)
     if any((facts.latency_ms or 0) > 1 for facts in found):
         click.echo("a latency of 1 ms makes reads faster: docs, howto/wiring", err=True)
-
-
-@click.command(epilog="Example: multidrop profiles")
-@_as_json
-def profiles(json: bool) -> None:
-    """List the device models that multidrop knows."""
-    found = [load_profile(name) for name in profile_names()]
-    if json:
-        for profile in found:
-            facts = {"name": profile.name, "title": profile.title, "protocol": profile.protocol}
-            click.echo(json_module.dumps({"v": 1, **facts, "points": len(profile.points)}))
-        return
-    rows = [(item.name, item.title, item.protocol, str(len(item.points))) for item in found]
-    print_table(("profile", "model", "protocol", "points"), rows)
 
 
 @click.command(epilog="Example: multidrop points flexmax speed")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from multidrop.catalog import load_profile
-from multidrop.cli.options import CONFIG, CONFIG_ENVIRONMENT, CommandT
+from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile
+from multidrop.cli.options import CommandT
 from multidrop.errors import UsageError
 from multidrop.plantfile import Plant, load_plant
 from multidrop.profile import Profile, nearest
@@ -40,7 +41,7 @@ def find_plant(config: str | None) -> Plant | None:
     path = Path(config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
     if config is None and not path.exists():
         return None
-    return load_plant(path, load_profile)
+    return load_plant(path, partial(load_profile, config=path))
 
 
 def company(plant: Plant | None, port: str, device_profiles: tuple[str, ...]) -> Company:

@@ -16,7 +16,7 @@ from multidrop.errors import Error
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
     "demo": ("demo", "A simulated plant, live in the terminal: start here."),
     "ports": ("about", "The serial ports of this machine."),
-    "profiles": ("about", "The device models that multidrop knows."),
+    "profiles": ("profiles", "The device models that multidrop knows, and profiles as tables."),
     "points": ("about", "The points of a model."),
     "read": ("reading", "Read points of a device, once or again and again."),
     "write": ("writing", "Write points of a device and read them back."),

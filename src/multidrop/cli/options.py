@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from multidrop.catalog import load_profile, profile_file
+from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile, profile_file
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line, Tap
-from multidrop.naming import LINE_KEYS, parse_device
+from multidrop.naming import LINE_KEYS, DeviceName, parse_device
+from multidrop.profile import Profile
 
 if TYPE_CHECKING:
     from multidrop.plantfile import Plant, PlantDevice
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
-CONFIG, CONFIG_ENVIRONMENT = "multidrop.toml", "MULTIDROP_CONFIG"
 _OWN_KEYS = {  # of protocols; refused where they do not exist
     "broadcast": "broadcast address (slink3, ultra3000)",
     "stuffing": "on or off: byte stuffing (datalink)",
@@ -52,7 +52,12 @@ class Common:
             return self._plant_target(found)
         name = parse_device(device, broadcast=broadcast)
         name = _with_keys(name, self.keys)
-        return Target(name, profile_file(Path(self.profile)) if self.profile else None)
+        return Target(name, self._profile(name))
+
+    def _profile(self, name: DeviceName) -> Profile:
+        if self.profile:
+            return profile_file(Path(self.profile))
+        return load_profile(name.profile, self.plant_path())
 
     def plant_device(self, device: str) -> PlantDevice | None:
         """What the plant file says of a device named by it; None for one named by its address."""
@@ -61,15 +66,16 @@ class Common:
     def plant(self) -> Plant:
         from multidrop.plantfile import load_plant
 
-        path = self._plant_path()
+        path = self.plant_path()
         if not path.exists() and self.config is None:
             raise UsageError(
                 f"a name without @ is looked up in {path}, and there is none here; "
                 "a device is PROFILE:ADDRESS@PORT, as in flexmax:0@/dev/ttyUSB0"
             )
-        return load_plant(path, load_profile)
+        return load_plant(path, functools.partial(load_profile, config=path))
 
-    def _plant_path(self) -> Path:
+    def plant_path(self) -> Path:
+        """The plant file, whether or not there is one."""
         return Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
 
     def _plant_target(self, found: PlantDevice) -> Target:
@@ -107,7 +113,7 @@ class Common:
 
     def _known_on(self, target: Target) -> list[PlantDevice]:
         """The devices that the plant file has on the same port."""
-        path = self._plant_path()
+        path = self.plant_path()
         if not path.exists():
             return []
         plant = self.plant()

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -155,7 +156,7 @@ def _named(
 
 
 def _of_plant(file: str) -> list[tuple[str, _Planned]]:
-    plant = load_plant(Path(file), load_profile)
+    plant = load_plant(Path(file), partial(load_profile, config=Path(file)))
     lines = []
     for line, port in plant.lines.items():
         there = [device for device in plant.devices.values() if device.line == line]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,6 +13,7 @@ from multidrop.io.connection import Connection, Target
 from multidrop.io.readings import in_order, readable
 from multidrop.points import Point, Reading
 from multidrop.tools.passport import Entry, Passport, Unread
+from multidrop.tools.text_file import write_whole
 
 GONE = 3
 """So many reads in a row without a reply, or the very first one, and the device counts as gone."""
@@ -127,18 +126,7 @@ def entry(point: Point, reading: Reading) -> Entry:
 
 def save(passport: Passport, path: Path) -> None:
     """Write it whole or not at all: under another name first. Raises `UsageError`."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
-    try:
-        with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(passport.to_text())
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink()
+    write_whole(passport.to_text(), path)
 
 
 def load(path: Path, *, damaged: bool = False) -> Passport:
