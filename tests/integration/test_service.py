@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
+import socket
 from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from integration.processes import PATIENCE, simulator
 from integration.servers import Connected, reply_to, serving
 from multidrop.errors import PortError
+from multidrop.io.async_line import SWALLOWED
 from multidrop.io.listen import Listener
 from multidrop.io.service import LineService, Polled, Quality
 from multidrop.protocols import slink3
@@ -120,6 +122,10 @@ def test_a_device_server_that_is_started_again() -> None:
             first = stack.enter_context(simulator(*names))
             async with polled(first.port) as (service, log):
                 await log.await_good(0.0, 2 * DRIVES)
+                transport = service.device("d0").line._transport
+                assert transport is not None
+                own = transport.get_extra_info("socket")
+                assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == SWALLOWED
                 gone = now()
                 first.program.end(signal.SIGKILL)
                 await asyncio.sleep(0.3)

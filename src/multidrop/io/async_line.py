@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable, Hashable
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -29,6 +30,9 @@ from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
 
+
+SWALLOWED = 10_000
+"""ms: a connection whose bytes nobody acknowledges for so long is lost (a network that drops all)."""
 
 BUFFER = 4096
 """Bytes of a read: without a buffer of its own a line costs asyncio 256 KiB for every read."""
@@ -228,9 +232,12 @@ async def opened(port: str, settings: LineSettings, options: LineOptions) -> Asy
         host, number = tcp_address(port)
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT):
-                await loop.create_connection(lambda: line, host, number)
+                transport, _ = await loop.create_connection(lambda: line, host, number)
         except OSError as error:  # TimeoutError is one
             raise port_error(port, error) from error
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; elsewhere the system's own, minutes
+            own = transport.get_extra_info("socket")
+            own.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, SWALLOWED)
         return line
     await _open_serial(line, port, PortSetup(settings, options))
     return line

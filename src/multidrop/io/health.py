@@ -139,20 +139,24 @@ class Health:
 
 
 class Load:
-    """How full a line was: the share of the last `window` s in which a conversation held it."""
+    """How full a line was: the share of the last `window` s in which a conversation held it.
+
+    What ended within one second is kept together, so that it needs little memory.
+    """
 
     def __init__(self, window: float = 60.0) -> None:
         self.window = window
-        self._spells: deque[tuple[float, float]] = deque()
-        self._busy = 0.0
+        self._seconds: deque[tuple[int, float]] = deque()  # which second, busy in it
         self._since: float | None = None
 
     def add(self, start: float, end: float) -> None:
         """A conversation held the line from `start` to `end`."""
         if self._since is None:
             self._since = start
-        self._spells.append((start, end))
-        self._busy += end - start
+        second, busy = int(end), end - start
+        if self._seconds and self._seconds[-1][0] == second:
+            busy += self._seconds.pop()[1]
+        self._seconds.append((second, busy))
         self._forget(end)
 
     def share(self, now: float) -> float:
@@ -161,9 +165,8 @@ class Load:
             return 0.0
         self._forget(now)
         span = min(self.window, now - self._since)
-        return min(1.0, self._busy / span) if span > 0 else 0.0
+        return min(1.0, sum(busy for _, busy in self._seconds) / span) if span > 0 else 0.0
 
     def _forget(self, now: float) -> None:
-        while self._spells and self._spells[0][1] <= now - self.window:
-            start, end = self._spells.popleft()
-            self._busy -= end - start
+        while self._seconds and self._seconds[0][0] < now - self.window:
+            self._seconds.popleft()

@@ -6,11 +6,12 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from multidrop.errors import PortError
+from multidrop.errors import PortError, UsageError
 from multidrop.io.async_line import AsyncLine, opened
 from multidrop.io.connection import Target
 from multidrop.io.health import total
 from multidrop.io.line import Tap
+from multidrop.io.ports import port_error
 from multidrop.session import Counters
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0
@@ -66,8 +67,12 @@ class KeptPort:
             began = now()
             try:
                 line = await opened(self._target.port, self._target.settings, self._target.options)
-            except PortError as why:
-                self.lost = why
+            except UsageError:
+                raise
+            except Exception as why:  # also what nobody foresaw: it is tried again for months
+                self.lost = (
+                    why if isinstance(why, PortError) else port_error(self._target.port, why)
+                )
                 self.tried.set()
             else:
                 await self._until_lost(line)
@@ -92,6 +97,6 @@ class KeptPort:
             self._past, self._line = self.counters, None
             if line.lost is not None:
                 self._on_lost()
-            with contextlib.suppress(TimeoutError):
+            with contextlib.suppress(Exception):  # what is gone cannot always be closed in order
                 async with asyncio.timeout(CLOSING):
                     await line.close()

@@ -94,7 +94,7 @@ class Polling:
         self._on_reading = on_reading
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
-        self._failed: asyncio.Future[None] = self._loop.create_future()
+        self._ended: asyncio.Future[None] = self._loop.create_future()
         self._schedule = Schedule(plan, self._now())
         self._known = {
             (poll.name, point): _Known(poll.every, self._now() + poll.phase)
@@ -104,18 +104,27 @@ class Polling:
         self.names = {poll.name for poll in plan.polls}
 
     async def run(self) -> None:
-        """Until it is cancelled; raises what `on_reading` raises."""
+        """Until it is cancelled or ended; raises what `on_reading` raises."""
         tasks = [asyncio.create_task(self._work()) for _ in range(WORKERS)]
         tasks.append(asyncio.create_task(self._watch_ages()))
         try:
-            ended = [*tasks, self._failed]
+            ended = [*tasks, self._ended]
             done, _ = await asyncio.wait(ended, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
         finally:
-            for task in (*tasks, self._failed):
+            for task in (*tasks, self._ended):
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+
+    def end(self, error: BaseException | None = None) -> None:
+        """Let `run` return, or raise."""
+        if self._ended.done():
+            return
+        if error is None:
+            self._ended.set_result(None)
+        else:
+            self._ended.set_exception(error)
 
     def cheapest(self, name: str) -> Poll | None:
         """The poll of a device that takes the line for the shortest time."""
@@ -187,12 +196,12 @@ class Polling:
         known.said, known.stale = self._now(), False
         if reading is not None:
             known.reading = reading
-        if self._failed.done():
+        if self._ended.done():
             return  # nobody listens any more
         try:
             self._on_reading(Polled(name, point, quality, datetime.now(UTC), known.reading, error))
         except Exception as raised:
-            self._failed.set_exception(raised)
+            self.end(raised)
 
 
 def quality_of(error: Error) -> Quality:

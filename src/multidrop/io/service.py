@@ -87,6 +87,8 @@ class LineService:
         """Returns when the port is open or the first attempt failed. Raises `UsageError`."""
         keeping = asyncio.create_task(self._port.keep_open())
         self._tasks = [keeping, asyncio.create_task(self._probe_the_silent())]
+        for task in self._tasks:
+            task.add_done_callback(self._broke)
         tried = asyncio.create_task(self._port.tried.wait())
         try:
             await asyncio.wait([keeping, tried], return_when=asyncio.FIRST_COMPLETED)
@@ -108,10 +110,18 @@ class LineService:
         await self.close()
 
     async def close(self) -> None:
-        """Close the port; from now on everything asked raises `PortError`."""
+        """Close the port and end all polling; what is asked from now on raises `PortError`."""
+        for polling in self._pollings:
+            polling.end()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _broke(self, task: asyncio.Task[None]) -> None:
+        """One of the service's own tasks ended: that is a bug, which must not pass for silence."""
+        if not task.cancelled():
+            for polling in self._pollings:
+                polling.end(task.exception())
 
     # -- asking ------------------------------------------------------------------------------
 
@@ -187,7 +197,7 @@ class LineService:
         return {name: delay for name, delay in known.items() if delay is not None}
 
     async def poll(self, plan: Plan, on_reading: OnReading) -> None:
-        """Poll until this is cancelled; every poll of a point calls `on_reading` once.
+        """Poll until this is cancelled or the service closed; each poll of a point calls `on_reading`.
 
         Raises what `on_reading` raises; what goes wrong on the line is a `Quality`.
         """
@@ -206,13 +216,26 @@ class LineService:
                     self.health.heard(name)  # nobody asks any more, so nobody needs a probe
 
     async def readings(self, plan: Plan) -> AsyncGenerator[Polled, None]:
-        """The same as an iterator; end it with `contextlib.aclosing`, or with its task."""
-        queue: asyncio.Queue[Polled | None] = asyncio.Queue()
-        task = asyncio.create_task(self.poll(plan, queue.put_nowait))
-        task.add_done_callback(lambda _: queue.put_nowait(None))
+        """The same as an iterator; end it with `contextlib.aclosing`, or with its task.
+
+        Who is slower than the line gets the newest of each point, and none that is older.
+        """
+        newest: dict[tuple[str, Point], Polled] = {}
+        news = asyncio.Event()
+
+        def keep(polled: Polled) -> None:
+            newest[polled.device, polled.point] = polled
+            news.set()
+
+        task = asyncio.create_task(self.poll(plan, keep))
+        task.add_done_callback(lambda _: news.set())
         try:
-            while (polled := await queue.get()) is not None:
-                yield polled
+            while newest or not task.done():
+                while newest:
+                    yield newest.pop(next(iter(newest)))
+                news.clear()
+                if not task.done():
+                    await news.wait()
             task.result()
         finally:
             task.cancel()

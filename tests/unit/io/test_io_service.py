@@ -200,6 +200,48 @@ def test_a_plan_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     in_world(monkeypatch, 1, test)
 
 
+def test_who_is_slower_than_the_line_gets_the_newest(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        service = world.service()
+        async with service, contextlib.aclosing(service.readings(every(service, 0.1))) as found:
+            await anext(found)
+            await asyncio.sleep(5.0)
+            names = [(await anext(found)).device for _ in range(3)]
+            assert sorted(names) == ["d0", "d1", "d2"]  # one of each, however many came
+
+    in_world(monkeypatch, 3, test)
+
+
+def test_closing_ends_the_polling(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        service = world.service()
+        async with service:
+            task = asyncio.create_task(service.poll(every(service, 0.1), Log()))
+            readings = service.readings(every(service, 0.1))
+            await anext(readings)
+        await task
+        async for _ in readings:  # what is left; then it ends
+            pass
+
+    in_world(monkeypatch, 1, test)
+
+
+def test_a_bug_of_the_service_does_not_pass_for_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        def broken(now: float, worst: float) -> None:
+            raise ZeroDivisionError
+
+        async with world.service() as service:
+            task = asyncio.create_task(service.poll(every(service, 0.1), Log()))
+            await asyncio.sleep(1.0)
+            monkeypatch.setattr(service.health, "take", broken)
+            world.switch_off(0)
+            with pytest.raises(ZeroDivisionError):
+                await task
+
+    in_world(monkeypatch, 1, test)
+
+
 # -- silence -------------------------------------------------------------------------------------
 
 
@@ -438,6 +480,42 @@ def test_a_port_that_breaks_as_it_is_opened(monkeypatch: pytest.MonkeyPatch) -> 
             await asyncio.sleep(0.05)
             with pytest.raises(PortError, match="gone again"):
                 await service.read("d0", POINT)
+
+    in_world(monkeypatch, 1, test)
+
+
+def test_whatever_opening_raises_it_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        opened, errors = world._open, [RuntimeError("odd driver"), OSError(16, "busy")]
+
+        async def fails(*arguments: object) -> object:
+            if errors:
+                raise errors.pop(0)
+            return await opened(*arguments)  # type: ignore[arg-type]
+
+        monkeypatch.setattr("multidrop.io.kept_port.opened", fails)
+        async with world.service() as service:
+            with pytest.raises(PortError, match="cannot open wire: odd driver"):
+                await service.read("d0", POINT)
+            await asyncio.sleep(1.0)
+            assert (await service.read("d0", POINT))[0].value == 0
+
+    in_world(monkeypatch, 1, test)
+
+
+def test_a_port_that_cannot_even_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        async with world.service() as service:
+            assert world.line is not None
+
+            async def fails() -> None:
+                raise OSError(5, "Input/output error")
+
+            monkeypatch.setattr(world.line, "close", fails)
+            world.unplug()
+            world.plugged = True
+            await asyncio.sleep(1.0)
+            assert (await service.read("d0", POINT))[0].value == 0
 
     in_world(monkeypatch, 1, test)
 

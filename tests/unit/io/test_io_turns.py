@@ -209,3 +209,55 @@ def test_a_turn_that_is_over_as_its_next_owner_is_cancelled() -> None:
         assert not turns.taken
 
     in_virtual_time(main)
+
+
+TASKS = st.lists(
+    st.tuples(
+        st.integers(0, 20),  # when it comes
+        st.integers(0, 4),  # how long it holds the turn
+        st.none() | st.integers(0, 30),  # when it is cancelled
+        st.sampled_from(Priority),
+        st.integers(0, 3),
+    ),
+    max_size=25,
+)
+
+
+@given(TASKS)
+def test_whoever_is_cancelled_whenever(
+    plans: list[tuple[int, int, int | None, Priority, int]],
+) -> None:
+    """One owner at a time, nobody who stays is forgotten, and in the end the turn is free."""
+
+    async def main() -> None:
+        turns, owners, done = Turns(), list[int](), set[int]()
+
+        async def one(number: int, at: int, hold: int, priority: Priority, device: int) -> None:
+            await asyncio.sleep(at)
+            if not turns.take():
+                await turns.wait(priority, device)
+            try:
+                owners.append(number)
+                assert owners == [number]
+                await asyncio.sleep(hold)
+                done.add(number)
+            finally:
+                owners.remove(number)
+                turns.release()
+
+        loop = asyncio.get_running_loop()
+        tasks = []
+        for number, (at, hold, cancel, priority, device) in enumerate(plans):
+            task = asyncio.ensure_future(one(number, at, hold, priority, device))
+            tasks.append(task)
+            if cancel is not None:
+                loop.call_later(cancel, task.cancel)
+        results = await asyncio.gather(*tasks, return_exceptions=True)
+        for number, result in enumerate(results):
+            assert (number in done) == (result is None)
+            assert result is None or isinstance(result, asyncio.CancelledError)
+            assert result is None or plans[number][2] is not None
+        assert not turns.taken
+        assert len(turns) == 0
+
+    in_virtual_time(main)
