@@ -275,6 +275,26 @@ def test_a_silent_device_costs_one_time_out_and_its_probes(
     in_world(monkeypatch, 3, test)
 
 
+@pytest.mark.parametrize("unplugged", [False, True])
+def test_what_cannot_be_asked_is_not_said_faster_than_it_could_be_read(
+    monkeypatch: pytest.MonkeyPatch, unplugged: bool
+) -> None:
+    """Also a plan that is much too full leaves the processor in peace."""
+
+    async def test(world: World) -> None:
+        world.switch_off(0, 1)
+        async with world.service() as service, polling(service, every(service, 0.001)) as log:
+            await asyncio.sleep(2.0)
+            if unplugged:
+                world.unplug()
+            log.all.clear()
+            await asyncio.sleep(10.0)
+            assert {one.quality for _, one in log.all} == {PORT_LOST if unplugged else NO_REPLY}
+            assert 100 <= len(log.all) <= 2 * 10.0 / TRANSACTION
+
+    in_world(monkeypatch, 2, test)
+
+
 def test_many_silent_devices_cost_no_more_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
     async def test(world: World) -> None:
         world.switch_off(*range(10))
