@@ -1,5 +1,5 @@
 """Writes what follows from the program itself: the pages of the profiles, the options of the commands,
-and the tables of the Wireshark dissector.
+the keys of the gateway's tables, and the tables of the Wireshark dissector.
 
 python docs/generate.py            write them
 python docs/generate.py --check    exit 1 where one is stale
@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
 
 import click
@@ -17,12 +18,14 @@ import wireshark_tables
 
 from multidrop.catalog import load_profile, profile_names
 from multidrop.cli.main import COMMANDS, cli
+from multidrop.gateway.settings import CLASSES
 from multidrop.profile import PointDescription, Profile
 from multidrop.protocols import PROTOCOLS
 
 DOCS = Path(__file__).resolve().parent
 PROFILES = Path("reference/profiles")
 COMMAND_LINE = Path("reference/command-line.md")
+CONFIGURATION = Path("reference/configuration.md")
 MANY = 20  # points that begin alike have a table of their own
 SHARED = {
     "json",
@@ -44,6 +47,12 @@ def pages() -> dict[Path, str]:
         raise SystemExit(f"docs/{COMMAND_LINE} says nothing of the command {name!r}")
     written[COMMAND_LINE] = re.sub(
         r"(<!-- options: ([\w -]+) -->\n).*?(<!-- end -->)", _options, text, flags=re.DOTALL
+    )
+    text = (DOCS / CONFIGURATION).read_text(encoding="utf-8")
+    for name in set(CLASSES) - set(re.findall(r"<!-- keys: (\w+) -->", text)):
+        raise SystemExit(f"docs/{CONFIGURATION} says nothing of [{name}]")
+    written[CONFIGURATION] = re.sub(
+        r"(<!-- keys: (\w+) -->\n).*?(<!-- end -->)", _keys, text, flags=re.DOTALL
     )
     lua = (DOCS / wireshark_tables.LUA).read_text(encoding="utf-8")
     written[wireshark_tables.LUA] = wireshark_tables.with_tables(lua)
@@ -221,6 +230,28 @@ def _spelled(option: click.Option) -> str:
 
 def _meaning(option: click.Option) -> str:
     return (option.help or "") + ("; needed" if option.required else "")
+
+
+# -- keys of the gateway's tables ------------------------------------------------------------
+
+
+def _keys(found: re.Match[str]) -> str:
+    rows = [
+        (f"`{item.name}`", _default(item.default), item.metadata["meaning"])
+        for item in fields(CLASSES[found[2]])
+    ]
+    body = "\n".join(_table(("key", "default", "meaning"), rows))
+    return f"{found[1]}{body}\n{found[3]}"
+
+
+def _default(value: object) -> str:
+    if value is MISSING:
+        return "needed"
+    if value is None:
+        return "none"
+    if value == ():
+        return "`[]`"
+    return f"`{str(value).lower()}`" if isinstance(value, bool) else f"`{value}`"
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

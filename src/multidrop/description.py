@@ -66,6 +66,7 @@ class PointDescription:
     bits: list[str] = field(
         default_factory=list, hash=False
     )  # names from bit 0 on; "" where a bit has none
+    fault: int | None = None  # the bits of the raw value of which any says a fault
     functions: str = ""  # what may be asked of it, one character each, as the protocol numbers them
     refusals: list[int] = field(
         default_factory=list, hash=False
@@ -102,6 +103,12 @@ class PointDescription:
             raise UsageError(f"{value} is no value for {self.name}: multiples of {self.step:g}")
         if value in self.excluded:
             raise UsageError(f"{value} is no value for {self.name}")
+
+    def says_fault(self, raw: Value) -> bool | None:
+        """Whether a raw value says a fault; None where the point says nothing of faults."""
+        if self.fault is None or isinstance(raw, str | bytes | float):
+            return None
+        return bool(raw & self.fault)
 
     def raw_of_name(self, name: str) -> int | None:
         """The raw value that has this name; case, blanks and underscores do not matter."""

@@ -16,8 +16,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,32 @@ from multidrop.errors import UsageError
 from multidrop.naming import LINE_KEYS, DeviceName
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile, nearest
+
+TABLES = ("http", "history", "mqtt", "modbus", "faults")
+"""What stands beside the lines: the parts of a gateway. `gateway/settings.py` reads them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What may be written over a network: physical limits, and s between two writes at least."""
+
+    minimum: float
+    maximum: float
+    rate: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PlantPoint:
+    """A point that a plant names: how often it is read, and who else may do what with it."""
+
+    name: str
+    at: str
+    every: float = 1.0  # s between readings
+    write: Limits | None = None  # None: nobody writes it over a network
+    motion: bool = False  # writing it may move something, and is allowed to
+    role: Role | None = None  # as the plant says it; None where it leaves that to the profile
+    deadband: float = 0.0  # a smaller change is none, physical
+    longest: float | None = None  # s after which it is recorded unchanged; None: as for all
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +61,30 @@ class PlantDevice:
     name: str
     line: str
     device: DeviceName
-    profile: Profile
-    every: Mapping[str, float]  # point name -> s between readings
+    profile: Profile  # with the plant's own points before its own
+    known: Profile  # the same without them
+    points: Mapping[str, PlantPoint]
+    on_fault: tuple[str, ...] = ()  # points that are read once when it trips
     behind: str | None = None  # for simulation: what is connected behind it
+
+    @property
+    def every(self) -> dict[str, float]:
+        """Point name -> s between readings."""
+        return {name: point.every for name, point in self.points.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """What a plant file says. `lines` is line name -> port."""
+    """What a plant file says. `lines` is line name -> port, `tables` the other tables as they stand.
+
+    `wrong` is all that is wrong with the file; what could be understood is here nevertheless.
+    """
 
     file: str
     lines: Mapping[str, str]
     devices: Mapping[str, PlantDevice]
+    tables: Mapping[str, Any] = field(default_factory=dict)
+    wrong: tuple[str, ...] = ()
 
     def find(self, name: str) -> PlantDevice:
         """The device of this name. Raises `UsageError` with the nearest one."""
@@ -56,78 +95,280 @@ class Plant:
             )
         return self.devices[name]
 
+    def on(self, line: str) -> list[PlantDevice]:
+        """The devices of a line."""
+        return [device for device in self.devices.values() if device.line == line]
 
-def load_plant(path: Path, load_profile: Callable[[str], Profile]) -> Plant:
-    """Read a plant file. Raises `UsageError` that names file, key and reason."""
+
+LoadProfile = Callable[[str], Profile]
+
+
+def load_plant(path: Path, load_profile: LoadProfile) -> Plant:
+    """Read a plant file. Raises `UsageError` that names file, key and reason of all that is wrong."""
+    return _right(read_plant(path, load_profile))
+
+
+def parse_plant(text: str, file: str, load_profile: LoadProfile) -> Plant:
+    """The same from text."""
+    return _right(survey(text, file, load_profile))
+
+
+def _right(plant: Plant) -> Plant:
+    if plant.wrong:
+        raise UsageError("\n".join(plant.wrong))
+    return plant
+
+
+def read_plant(path: Path, load_profile: LoadProfile) -> Plant:
+    """A plant file with all that is `wrong` with it. Raises `UsageError` where it cannot be read."""
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise UsageError(f"{path}: not UTF-8 text") from None
-    return parse_plant(text, str(path), load_profile)
+    return survey(text, str(path), load_profile)
 
 
-def parse_plant(text: str, file: str, load_profile: Callable[[str], Profile]) -> Plant:
+def survey(text: str, file: str, load_profile: LoadProfile) -> Plant:
     """The same from text."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{file}: not TOML: {error}") from None
-    _known(data, {"line", "profiles"}, file)
-    ports: dict[str, str] = {}
-    devices: dict[str, PlantDevice] = {}
-    for line, entry in _tables(data.get("line", {}), f"{file}: line"):
-        where = f"{file}: line.{line}"
-        port = entry.get("port")
-        if not isinstance(port, str):
-            raise UsageError(
-                f"{where}.port is missing: a device path, tcp:// or rfc2217:// address"
-            )
-        if port in ports.values():
-            raise UsageError(f"{where}.port {port!r} is the port of another line too")
-        ports[line] = port
-        for name, device in _tables(entry.get("device", {}), f"{where}.device"):
-            if name in devices:
-                raise UsageError(f"{where}.device.{name}: there is another device of this name")
-            devices[name] = _device(
-                name, line, entry, device, f"{where}.device.{name}", load_profile
-            )
-    _addresses_differ(devices, file)
-    return Plant(file, ports, devices)
+    reading = _Reading(file, load_profile)
+    reading.lines(data)
+    tables = {name: data[name] for name in TABLES if name in data}
+    return Plant(file, reading.ports, reading.devices, tables, tuple(reading.wrong))
 
 
-def _device(
-    name: str,
-    line: str,
-    line_entry: dict[str, Any],
-    entry: dict[str, Any],
-    where: str,
-    load_profile: Callable[[str], Profile],
-) -> PlantDevice:
-    _known(entry, {"profile", "address", "points", "behind"}, where)
-    address = entry.get("address")
-    if not isinstance(address, int) or isinstance(address, bool):
-        raise UsageError(f"{where}.address is missing or not a whole number")
-    profile_name = entry.get("profile")
-    if not isinstance(profile_name, str):
-        raise UsageError(f"{where}.profile is missing")
-    try:
-        profile = load_profile(profile_name)
-    except UsageError as error:
-        raise UsageError(f"{where}.profile: {error}") from None
-    points, every = _points(entry.get("points", {}), profile, f"{where}.points")
-    options = {
-        key: str(value) for key, value in line_entry.items() if key not in ("port", "device")
-    }
-    return PlantDevice(
-        name=name,
-        line=line,
-        device=DeviceName(profile_name, address, line_entry["port"], options),
-        profile=replace(profile, points={**points, **_without(profile.points, points)}),
-        every=every,
-        behind=entry.get("behind"),
-    )
+class _Reading:
+    """A plant file that is being read: what was understood, and all that is wrong."""
+
+    def __init__(self, file: str, load_profile: LoadProfile) -> None:
+        self.file = file
+        self.ports: dict[str, str] = {}
+        self.devices: dict[str, PlantDevice] = {}
+        self.wrong: list[str] = []
+        self._load_profile = load_profile
+
+    def lines(self, data: dict[str, Any]) -> None:
+        self._known(data, ("line", "profiles", *TABLES), self.file)
+        for line, entry in self._tables(data.get("line", {}), f"{self.file}: line"):
+            where = f"{self.file}: line.{line}"
+            port = entry.get("port")
+            if not isinstance(port, str):
+                self.wrong.append(
+                    f"{where}.port is missing: a device path, tcp:// or rfc2217:// address"
+                )
+                port = ""
+            elif port in self.ports.values():
+                self.wrong.append(f"{where}.port {port!r} is the port of another line too")
+            self.ports[line] = port
+            for name, device in self._tables(entry.get("device", {}), f"{where}.device"):
+                self._device(name, line, {**entry, "port": port}, device)
+        self._addresses_differ()
+
+    def _device(
+        self, name: str, line: str, line_entry: dict[str, Any], entry: dict[str, Any]
+    ) -> None:
+        where = f"{self.file}: line.{line}.device.{name}"
+        if name in self.devices:
+            self.wrong.append(f"{where}: there is another device of this name")
+        self._known(entry, ("profile", "address", "points", "behind", "on_fault"), where)
+        address = entry.get("address")
+        if not isinstance(address, int) or isinstance(address, bool):
+            self.wrong.append(f"{where}.address is missing or not a whole number")
+            address = None
+        profile = self._profile(entry.get("profile"), where)
+        if profile is None or address is None or name in self.devices:
+            return
+        points, described = self._points(entry.get("points", {}), profile, f"{where}.points")
+        options = {
+            key: str(value) for key, value in line_entry.items() if key not in ("port", "device")
+        }
+        self.devices[name] = PlantDevice(
+            name=name,
+            line=line,
+            device=DeviceName(entry["profile"], address, line_entry["port"], options),
+            profile=replace(profile, points={**described, **_without(profile.points, described)}),
+            known=profile,
+            points=points,
+            on_fault=self._texts(entry.get("on_fault", []), f"{where}.on_fault"),
+            behind=entry.get("behind"),
+        )
+
+    def _profile(self, name: Any, where: str) -> Profile | None:
+        if not isinstance(name, str):
+            self.wrong.append(f"{where}.profile is missing")
+            return None
+        try:
+            return self._load_profile(name)
+        except UsageError as error:
+            self.wrong.append(f"{where}.profile: {error}")
+            return None
+
+    def _points(
+        self, table: Any, profile: Profile, where: str
+    ) -> tuple[dict[str, PlantPoint], dict[str, PointDescription]]:
+        points: dict[str, PlantPoint] = {}
+        described: dict[str, PointDescription] = {}
+        if not isinstance(table, dict):
+            self.wrong.append(f"{where} is not a table")
+            return points, described
+        for name, entry in table.items():
+            given = {"at": entry} if isinstance(entry, str) else entry
+            if not isinstance(given, dict) or not isinstance(given.get("at"), str):
+                self.wrong.append(
+                    f'{where}.{name} is neither a point nor a table with at = "POINT"'
+                )
+                continue
+            self._known(given, (*_POINT_KEYS, *_GATEWAY_KEYS), f"{where}.{name}")
+            points[name], described[name] = self._point(name, given, profile, f"{where}.{name}")
+        return points, described
+
+    def _point(
+        self, name: str, given: dict[str, Any], profile: Profile, where: str
+    ) -> tuple[PlantPoint, PointDescription]:
+        """What the plant says of a point, and what its profile knows of the same place with it."""
+        limits = self._limits(given, f"{where}.write")
+        said: dict[str, Any] = {key: given[key] for key in ("unit", "meaning") if key in given}
+        role = self._role(given, where)
+        if role is not None:
+            said["role"] = role
+        if "scale" in given:
+            said["scale"] = self._number(given, "scale", 1.0, where)
+        if "fault" in given:
+            said["fault"] = self._mask(given["fault"], where)
+        known = _known_there(given["at"], profile)
+        if limits is not None:
+            self._inside(limits, known, f"{where}.write")
+            said.update(minimum=limits.minimum, maximum=limits.maximum)
+        point = PlantPoint(
+            name,
+            given["at"],
+            self._number(given, "every", 1.0, where),
+            limits,
+            self._flag(given, "motion", where),
+            role,
+            self._number(given, "deadband", 0.0, where, least=0.0),
+            self._number(given, "longest", 1.0, where) if "longest" in given else None,
+        )
+        if known is None:
+            return point, PointDescription(name=name, at=given["at"], **said)
+        at = known.at if known.name == given["at"] else given["at"]
+        return point, replace(known, name=name, at=at, **said)
+
+    def _limits(self, given: dict[str, Any], where: str) -> Limits | None:
+        """What may be written; None where nothing may, or what is said of it is wrong."""
+        if "write" not in given:
+            return None
+        limits = given["write"]
+        if not isinstance(limits, dict):
+            self.wrong.append(f"{where} is not {{ min = ..., max = ... }}")
+            return None
+        before = len(self.wrong)
+        self._known(limits, ("min", "max", "rate"), where)
+        for key in ("min", "max"):
+            if not _is_number(limits.get(key)):
+                self.wrong.append(f"{where}.{key} is missing or not a number")
+        rate = self._number(limits, "rate", 0.0, where, least=0.0)
+        if len(self.wrong) > before:
+            return None
+        if limits["min"] > limits["max"]:
+            self.wrong.append(f"{where}: min {limits['min']:g} is above max {limits['max']:g}")
+            return None
+        return Limits(limits["min"], limits["max"], rate)
+
+    def _inside(self, limits: Limits, known: PointDescription | None, where: str) -> None:
+        """The plant may narrow what the profile allows, not widen it."""
+        if known is None:
+            return
+        for value in (limits.minimum, limits.maximum):
+            try:
+                known.check_limits(value)
+            except UsageError as error:
+                self.wrong.append(f"{where}: {error}")
+
+    def _role(self, given: dict[str, Any], where: str) -> Role | None:
+        if "role" not in given:
+            return None
+        try:
+            return Role(given["role"])
+        except ValueError:
+            roles = ", ".join(role.value for role in Role)
+            self.wrong.append(f"{where}.role {given['role']!r} is none of: {roles}")
+            return None
+
+    def _mask(self, value: Any, where: str) -> int | None:
+        if not isinstance(value, int) or isinstance(value, bool) or value <= 0:
+            self.wrong.append(
+                f"{where}.fault is {value!r}, which is not the bits that say a fault: a whole "
+                "number above 0"
+            )
+            return None
+        return value
+
+    def _flag(self, given: dict[str, Any], key: str, where: str) -> bool:
+        value = given.get(key, False)
+        if not isinstance(value, bool):
+            self.wrong.append(f"{where}.{key} is {value!r}, which is neither true nor false")
+        return value is True
+
+    def _number(
+        self,
+        given: dict[str, Any],
+        key: str,
+        default: float,
+        where: str,
+        least: float | None = None,
+    ) -> float:
+        value = given.get(key, default)
+        right = _is_number(value) and (value > 0 if least is None else value >= least)
+        if not right:
+            wanted = "a number above 0" if least is None else f"a number of {least:g} or more"
+            self.wrong.append(f"{where}.{key} is {value!r}, which is not {wanted}")
+            return default
+        return float(value)
+
+    def _texts(self, value: Any, where: str) -> tuple[str, ...]:
+        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+            self.wrong.append(f"{where} is not a list of points")
+            return ()
+        return tuple(value)
+
+    def _tables(self, table: Any, where: str) -> list[tuple[str, dict[str, Any]]]:
+        if not isinstance(table, dict):
+            self.wrong.append(f"{where} is not a table")
+            return []
+        for name, entry in table.items():
+            if not isinstance(entry, dict):
+                self.wrong.append(f"{where}.{name} is not a table")
+        return [(name, entry) for name, entry in table.items() if isinstance(entry, dict)]
+
+    def _known(self, table: dict[str, Any], keys: Sequence[str], where: str) -> None:
+        for key in table:
+            if key not in keys:
+                self.wrong.append(f"{where}: unknown key {key!r}{nearest(key, keys)}")
+
+    def _addresses_differ(self) -> None:
+        seen: dict[tuple[str, int | None], str] = {}
+        for device in self.devices.values():
+            where = (device.line, device.device.address)
+            if where in seen:
+                self.wrong.append(
+                    f"{self.file}: {seen[where]} and {device.name} have the same address "
+                    f"{device.device.address} on line {device.line}"
+                )
+            seen[where] = device.name
+
+
+_POINT_KEYS = ("at", "every", "unit", "scale", "role", "meaning", "fault")
+_GATEWAY_KEYS = ("write", "motion", "deadband", "longest")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
 
 
 def _without(
@@ -135,51 +376,6 @@ def _without(
 ) -> dict[str, PointDescription]:
     """What a profile knows besides the plant's own names, which come first."""
     return {name: item for name, item in known.items() if name not in named}
-
-
-_POINT_KEYS = {"at", "every", "unit", "scale", "role", "write", "meaning"}
-
-
-def _points(
-    table: Any, profile: Profile, where: str
-) -> tuple[dict[str, PointDescription], dict[str, float]]:
-    points: dict[str, PointDescription] = {}
-    every: dict[str, float] = {}
-    if not isinstance(table, dict):
-        raise UsageError(f"{where} is not a table")
-    for name, entry in table.items():
-        given = {"at": entry} if isinstance(entry, str) else entry
-        if not isinstance(given, dict) or not isinstance(given.get("at"), str):
-            raise UsageError(f'{where}.{name} is neither a point nor a table with at = "POINT"')
-        _known(given, _POINT_KEYS, f"{where}.{name}")
-        points[name] = _point(name, given, profile, f"{where}.{name}")
-        every[name] = _number(given, "every", 1.0, f"{where}.{name}")
-    return points, every
-
-
-def _point(name: str, given: dict[str, Any], profile: Profile, where: str) -> PointDescription:
-    """A point of the plant: what its profile knows of the same place, and what the plant says over it."""
-    limits = given.get("write", {})
-    if not isinstance(limits, dict):
-        raise UsageError(f"{where}.write is not {{ min = ..., max = ... }}")
-    _known(limits, {"min", "max"}, f"{where}.write")
-    said: dict[str, Any] = {key: given[key] for key in ("unit", "meaning") if key in given}
-    if "role" in given:
-        try:
-            said["role"] = Role(given["role"])
-        except ValueError:
-            roles = ", ".join(role.value for role in Role)
-            raise UsageError(f"{where}.role {given['role']!r} is none of: {roles}") from None
-    if "scale" in given:
-        said["scale"] = _number(given, "scale", 1.0, where)
-    for key, limit in (("min", "minimum"), ("max", "maximum")):
-        if key in limits:
-            said[limit] = limits[key]
-    known = _known_there(given["at"], profile)
-    if known is None:
-        return PointDescription(name=name, at=given["at"], **said)
-    at = known.at if known.name == given["at"] else given["at"]
-    return replace(known, name=name, at=at, **said)
 
 
 def _known_there(at: str, profile: Profile) -> PointDescription | None:
@@ -191,38 +387,14 @@ def _known_there(at: str, profile: Profile) -> PointDescription | None:
     return None
 
 
-def _number(given: dict[str, Any], key: str, default: float, where: str) -> float:
-    value = given.get(key, default)
-    if not isinstance(value, int | float) or isinstance(value, bool) or value <= 0:
-        raise UsageError(f"{where}.{key} is {value!r}, which is not a number above 0")
-    return float(value)
-
-
-def _tables(table: Any, where: str) -> list[tuple[str, dict[str, Any]]]:
-    if not isinstance(table, dict):
-        raise UsageError(f"{where} is not a table")
-    for name, entry in table.items():
-        if not isinstance(entry, dict):
-            raise UsageError(f"{where}.{name} is not a table")
-    return list(table.items())
-
-
-def _known(table: dict[str, Any], keys: set[str], where: str) -> None:
-    for key in table:
-        if key not in keys:
-            raise UsageError(f"{where}: unknown key {key!r}{nearest(key, keys)}")
-
-
-def _addresses_differ(devices: Mapping[str, PlantDevice], file: str) -> None:
-    seen: dict[tuple[str, int | None], str] = {}
-    for device in devices.values():
-        where = (device.line, device.device.address)
-        if where in seen:
-            raise UsageError(
-                f"{file}: {seen[where]} and {device.name} have the same address "
-                f"{device.device.address} on line {device.line}"
-            )
-        seen[where] = device.name
-
-
-__all__ = ["LINE_KEYS", "Plant", "PlantDevice", "load_plant", "parse_plant"]
+__all__ = [
+    "LINE_KEYS",
+    "Limits",
+    "Plant",
+    "PlantDevice",
+    "PlantPoint",
+    "load_plant",
+    "parse_plant",
+    "read_plant",
+    "survey",
+]

@@ -38,6 +38,8 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "extcap": ("wireshark", "What Wireshark calls to listen to a line."),
     "sniff": ("sniff", "Listen to a line that others speak on, decoded and recorded."),
     "decode": ("decode", "Decode a capture into transactions."),
+    "check": ("run", "What is wrong with a plant file, and how full its lines are."),
+    "run": ("run", "Poll a plant as its file describes it, and serve what comes."),
     "share": ("share", "One port for many masters, over TCP."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }

@@ -62,21 +62,32 @@ class AsyncConnection(BaseConnection):
         return asyncio.get_running_loop().time()
 
     async def write(
-        self, point: str, value: Value | str, *, verify: bool = True, force: bool = False
+        self,
+        point: str,
+        value: Value | str,
+        *,
+        verify: bool = True,
+        force: bool = False,
+        audit: AuditLog | None = None,
     ) -> Written:
-        """Write one point and read it back; raises unless that is confirmed."""
-        write = self.prepare(point, value, force=force)
+        """Write one point and read it back; raises unless that is confirmed.
+
+        `audit` is where that is recorded, if not in the log of this connection.
+        """
+        log = audit or self.audit
+        write = self.device.prepare_write(point, value, force=force)
+        log.check()
         try:
             conversation = self.device.write(write, verify=verify)
             record = (await self.carry_out(conversation, Priority.WRITE)).result
         except (asyncio.CancelledError, PortError) as why:
             if not self._acted:
                 raise
-            record = self._broken_off(write, why)
+            record = self._broken_off(write, why, log)
             if isinstance(why, asyncio.CancelledError):
                 raise
             return checked(record)
-        self.audit.written(self.name, record)
+        log.written(self.name, record)
         return checked(record)
 
     async def status(self) -> Report:

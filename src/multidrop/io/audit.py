@@ -31,9 +31,18 @@ def default_path() -> Path:
 class AuditLog:
     """Who wrote what, from where, and what came of it. One line a write."""
 
-    def __init__(self, path: Path | None = None, *, origin: str, force: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path | None = None,
+        *,
+        origin: str,
+        force: bool = False,
+        who: str | None = None,
+    ) -> None:
         self._path = path
         self._origin = origin
+        self._who = who
+        self.lines = 0  # appended by this one
         self._force = force
 
     @property
@@ -42,6 +51,10 @@ class AuditLog:
         if self._path is None:
             self._path = default_path()
         return self._path
+
+    def of(self, who: str, origin: str) -> AuditLog:
+        """The same log for what somebody else asks for, and from where."""
+        return AuditLog(self._path, origin=origin, force=self._force, who=who)
 
     def check(self) -> None:
         """Before a write: raises `UsageError` if the log cannot be written, unless forced."""
@@ -71,7 +84,7 @@ class AuditLog:
         """Append one line; facts are those of `written`, null where they are not given, and others."""
         line = {
             "time": datetime.now(UTC).isoformat(timespec="microseconds"),
-            "who": f"{_user()}@{socket.gethostname()}",
+            "who": self._who or f"{_user()}@{socket.gethostname()}",
             "from": self._origin,
             "device": device,
             "point": point,
@@ -80,6 +93,7 @@ class AuditLog:
         }
         try:
             self._append(json.dumps(line, ensure_ascii=False) + "\n")
+            self.lines += 1
         except OSError:
             if not self._force:
                 raise

@@ -48,6 +48,10 @@ class Target:
         assert self.name.address is not None
         return self.protocol.device(self.name.address, self.profile, self.options.own)
 
+    def same(self, other: Target) -> bool:
+        """Whether both are one device, known alike."""
+        return (self.name, self.profile) == (other.name, other.profile)
+
     @property
     def port(self) -> str:
         return self.name.port
@@ -128,7 +132,9 @@ class BaseConnection:
         self.audit.check()
         return write
 
-    def _broken_off(self, write: Write, why: BaseException) -> Written:
+    def _broken_off(
+        self, write: Write, why: BaseException, audit: AuditLog | None = None
+    ) -> Written:
         """The record of a write that went out before its line or its caller was lost."""
         reason = str(why) or "interrupted"
         lost = OutcomeUnknown(
@@ -136,7 +142,7 @@ class BaseConnection:
         )
         lost.__cause__ = why
         record = Written(write.point, write.value, Outcome.UNKNOWN, error=lost)
-        self.audit.written(self.name, record)
+        (audit or self.audit).written(self.name, record)
         return record
 
     def _clear_faults(self) -> Service:

@@ -51,21 +51,40 @@ class LineService:
         *,
         audit: AuditLog | None = None,
     ) -> None:
-        named = dict(devices) if isinstance(devices, Mapping) else {name: name for name in devices}
-        targets = {name: Target.of(device) for name, device in named.items()}
-        self.target = _one_line(targets)
+        targets = _targets(devices)
+        self.target = one_line(targets)
+        self._audit = audit
         self.health = Health()
         self._load = Load()
         self._wake = asyncio.Event()
         self._port = KeptPort(self.target, self._wake.set)
-        self.devices = {
-            name: ServedDevice(
-                name, target, audit, self._port, self.health, self._load, self._wake.set
-            )
-            for name, target in targets.items()
-        }
+        self.devices = {name: self._served(name, target) for name, target in targets.items()}
         self._pollings: list[Polling] = []
         self._tasks: list[asyncio.Task[None]] = []
+
+    def _served(self, name: str, target: Target) -> ServedDevice:
+        return ServedDevice(
+            name, target, self._audit, self._port, self.health, self._load, self._wake.set
+        )
+
+    def change(self, devices: Mapping[str, str | DeviceName | Target] | Iterable[str]) -> None:
+        """Other devices, or others of their points, on the open port. Nothing may be polled meanwhile.
+
+        Raises `UsageError` where they are not of this line; then nothing has changed.
+        """
+        if self._pollings:
+            raise UsageError("what is polled can only be changed once it is not")
+        targets = _targets(devices)
+        if settings_of_line(one_line(targets)) != settings_of_line(self.target):
+            raise UsageError("these devices are of another line, or it has other settings")
+        self.target = next(iter(targets.values()))
+        known, self.devices = self.devices, {}
+        for name, target in targets.items():
+            device = known.get(name)
+            same = device is not None and device.target.same(target)
+            self.devices[name] = device if same and device else self._served(name, target)
+        for name in set(known) - set(targets):
+            self.health.heard(name)
 
     # -- the port ----------------------------------------------------------------------------
 
@@ -154,9 +173,14 @@ class LineService:
         *,
         verify: bool = True,
         force: bool = False,
+        audit: AuditLog | None = None,
     ) -> Written:
-        """Write one point, before everything else that waits; raises unless it is confirmed."""
-        return await self.device(name).write(point, value, verify=verify, force=force)
+        """Write one point, before everything else that waits; raises unless it is confirmed.
+
+        `audit` is where that is recorded, if not in the log of the service.
+        """
+        device = self.device(name)
+        return await device.write(point, value, verify=verify, force=force, audit=audit)
 
     async def try_now(self, name: str) -> bool:
         """Probe a device at once, silent or not. Returns whether it answered. Raises `PortError`."""
@@ -280,8 +304,20 @@ class LineService:
             self.health.probed(probe, device.counters.busy - busy)
 
 
-def _one_line(targets: Mapping[str, Target]) -> Target:
-    """The line that all of them are on. Raises `UsageError`."""
+def _targets(
+    devices: Mapping[str, str | DeviceName | Target] | Iterable[str],
+) -> dict[str, Target]:
+    named = dict(devices) if isinstance(devices, Mapping) else {name: name for name in devices}
+    return {name: Target.of(device) for name, device in named.items()}
+
+
+def settings_of_line(target: Target) -> tuple[object, ...]:
+    """What all devices of one line have in common: the port, and how it is used."""
+    return target.port, target.settings, replace(target.options, own={})
+
+
+def one_line(targets: Mapping[str, Target]) -> Target:
+    """The first of devices that are on one line. Raises `UsageError` where they are not."""
     if not targets:
         raise UsageError("a line service needs at least one device")
     first, *others = targets.values()
@@ -289,10 +325,7 @@ def _one_line(targets: Mapping[str, Target]) -> Target:
     for other in others:
         if other.port != first.port:
             raise UsageError(f"{other.name} and {first.name} are not on one port")
-        if (other.settings, replace(other.options, own={})) != (
-            first.settings,
-            replace(first.options, own={}),
-        ):
+        if settings_of_line(other) != settings_of_line(first):
             raise UsageError(f"{other.name} and {first.name} differ in the settings of their line")
         if other.name.address in addresses:
             raise UsageError(f"{other.name}: there is another device at this address")

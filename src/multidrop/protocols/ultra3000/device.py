@@ -289,7 +289,10 @@ def _sent_once(point: ParameterPoint) -> ParameterPoint:
 
 def device(address: int, profile: Profile, options: Mapping[str, str]) -> Ultra3000Device:
     """The device of a profile, with the broadcast address of its line if that was set."""
-    return Ultra3000Device(address, profile, broadcast_of(options))
+    broadcast = broadcast_of(options)
+    if address == broadcast:
+        raise UsageError(f"address {address} is the broadcast address of the line")
+    return Ultra3000Device(address, profile, broadcast)
 
 
 def broadcast_of(options: Mapping[str, str]) -> int:

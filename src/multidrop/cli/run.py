@@ -1,0 +1,199 @@
+"""`multidrop run` and `multidrop check`: a plant as its file describes it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import json as json_module
+import os
+import signal
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile
+from multidrop.cli.failures import failure
+from multidrop.errors import UsageError
+from multidrop.gateway.check import Checked, demand_right
+from multidrop.gateway.check import check as check_plant
+from multidrop.gateway.gateway import Gateway, Reloaded
+from multidrop.gateway.news import News
+from multidrop.gateway.parts import add_parts
+from multidrop.gateway.settings import settings_of
+from multidrop.gateway.values import Update
+from multidrop.io.audit import jsonable
+from multidrop.plantfile import Plant, read_plant
+
+
+def _path(file: str | None) -> Path:
+    return Path(file or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
+
+
+@click.command(epilog="Example: multidrop check, or multidrop check /etc/multidrop/multidrop.toml")
+@click.argument("file", required=False, metavar="[FILE]")
+@click.option("--json", is_flag=True, help="JSON Lines on standard output")
+def check(file: str | None, json: bool) -> None:
+    """Find what is wrong with a plant file, all of it, before anything is opened.
+
+    Prints how full the polls make each line.
+    """
+    checked = check_plant(_read(_path(file)))
+    if json:
+        _print_json(checked)
+    elif checked.lines:
+        _print_table(checked)
+    if checked.wrong:
+        raise UsageError("\n".join(checked.wrong))
+
+
+def _print_json(checked: Checked) -> None:
+    for line in checked.lines:
+        facts = {"line": line.name, "port": line.port, "settings": line.settings}
+        counts = {"devices": line.devices, "points": line.points, "load": round(line.load, 4)}
+        click.echo(json_module.dumps({"v": 1, **facts, **counts}))
+    for text in checked.wrong:
+        click.echo(json_module.dumps({"v": 1, "error": {"kind": "usage", "text": text}}))
+
+
+def _print_table(checked: Checked) -> None:
+    rows = [("line", "port", "settings", "devices", "points", "load")]
+    for line in checked.lines:
+        numbers = (str(line.devices), str(line.points), f"{line.load:.0%}".replace("%", " %"))
+        rows.append((line.name, line.port, line.settings, *numbers))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [
+            cell.ljust(width) if column < 3 else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        click.echo("  ".join(cells))
+
+
+@click.command(
+    epilog="Example: multidrop run, or multidrop run /etc/multidrop/multidrop.toml. SIGHUP reads the "
+    "file again; SIGTERM and Ctrl-C end it."
+)
+@click.argument("file", required=False, metavar="[FILE]")
+@click.option("--json", is_flag=True, help="every update as a JSON line on standard output")
+def run(file: str | None, json: bool) -> None:
+    """Poll a plant, and serve what comes to the parts that its file switches on."""
+    path = _path(file)
+    asyncio.run(_run(path, _Said(json)))
+
+
+class _Said:
+    """What is printed: for people what listens where and what has changed, else every update."""
+
+    def __init__(self, json: bool) -> None:
+        self._json = json
+
+    def ready(self, text: str) -> None:
+        click.echo(text, err=self._json)
+
+    def news(self, text: str) -> None:
+        click.echo(text, err=True)
+
+    def update(self, update: Update) -> None:
+        """A listener of `Values`."""
+        if self._json:
+            click.echo(json_module.dumps(update_line(update), ensure_ascii=False))
+
+
+def update_line(update: Update) -> dict[str, Any]:
+    """An update as JSON. `time` is that of the value, null where there is none yet."""
+    polled, reading = update.polled, update.polled.reading
+    line: dict[str, Any] = {
+        "v": 1,
+        "device": update.device,
+        "point": update.point,
+        "quality": polled.quality.value,
+        "value": None if reading is None else jsonable(reading.value),
+        "unit": polled.point.unit,
+        "time": None if reading is None else _utc(reading.time),
+        "at": _utc(polled.time),
+        "synchronised": update.synchronised,
+    }
+    if reading is not None:
+        line |= {"raw": reading.raw_text, "fault": reading.fault, "meaning": reading.meaning}
+    if polled.error is not None:
+        line["error"] = failure(polled.error)
+    return line
+
+
+def _utc(time: datetime) -> str:
+    return time.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def _read(path: Path) -> Plant:
+    return read_plant(path, functools.partial(load_profile, config=path))
+
+
+def _load(path: Path) -> Plant:
+    """A plant file in which nothing is wrong. Raises `UsageError` with all that is."""
+    plant = _read(path)
+    demand_right(plant)
+    return plant
+
+
+async def _run(path: Path, said: _Said) -> None:
+    """Run until SIGTERM or Ctrl-C."""
+    plant = _load(path)
+    gateway = Gateway(plant, settings_of(plant), say=said.ready)
+    add_parts(gateway)
+    news = News(lambda device: gateway.device(device).line, said.news)
+    gateway.values.listeners += [news.take, said.update]
+    async with gateway:
+        running = asyncio.ensure_future(gateway.run())
+        reloads: set[asyncio.Task[None]] = set()
+
+        def reload() -> None:
+            task = asyncio.create_task(_reload(gateway, path, said))
+            reloads.add(task)
+            task.add_done_callback(reloads.discard)
+
+        with contextlib.suppress(NotImplementedError, AttributeError):  # Windows
+            loop = asyncio.get_running_loop()
+            loop.add_signal_handler(signal.SIGTERM, running.cancel)
+            loop.add_signal_handler(signal.SIGHUP, reload)
+        count = len(plant.devices)
+        said.news(f"polling {_count(count, 'device')} on {_count(len(plant.lines), 'line')}")
+        try:
+            await running
+        except asyncio.CancelledError:
+            current = asyncio.current_task()
+            if current is not None and current.cancelling():  # Ctrl-C, not SIGTERM
+                raise
+        finally:
+            for task in reloads:
+                task.cancel()
+
+
+async def _reload(gateway: Gateway, path: Path, said: _Said) -> None:
+    """Read the file again; where it is wrong, all stays as it was."""
+    try:
+        plant = await asyncio.to_thread(_load, path)
+        tables = plant.tables != gateway.plant.tables
+        done = await gateway.reload(plant)
+    except UsageError as error:
+        said.news(f"not reloaded: {error}")
+        return
+    said.news(f"reloaded: {_shown(done)}")
+    if tables:
+        said.news("what changed beside the lines counts from the next start on")
+
+
+def _shown(done: Reloaded) -> str:
+    parts = {
+        "started": done.started,
+        "changed": done.changed,
+        "stopped": done.stopped,
+        "unchanged": done.kept,
+    }
+    return ", ".join(f"{name} {' '.join(lines)}" for name, lines in parts.items() if lines)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

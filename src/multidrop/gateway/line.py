@@ -1,0 +1,135 @@
+"""A line of the plant: its service, what is polled on it, and how its devices are."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from multidrop.gateway.polled import polled, targets_of
+from multidrop.io.audit import AuditLog
+from multidrop.io.poller import OnReading
+from multidrop.io.polling import Plan
+from multidrop.io.service import LineService, one_line, settings_of_line
+from multidrop.plantfile import PlantDevice
+
+
+@dataclass(frozen=True, slots=True)
+class LineHealth:
+    """A line now. `planned` and `load` are shares of its time, 0..1; `lost` says why the port is away."""
+
+    name: str
+    port: str
+    protocol: str
+    settings: str
+    lost: str | None
+    times_opened: int
+    planned: float
+    load: float
+    missed: int
+    counters: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceHealth:
+    """A device now. `silent` is whether it does not answer, `delay` its answer delay in s."""
+
+    name: str
+    line: str
+    profile: str
+    title: str
+    address: int | None
+    points: int
+    silent: bool
+    delay: float | None
+    counters: dict[str, Any]
+
+
+class GatewayLine:
+    """One line, polled while `run` runs. The port stays open while only its devices change."""
+
+    def __init__(
+        self, name: str, devices: Sequence[PlantDevice], audit: AuditLog, on_reading: OnReading
+    ) -> None:
+        self.name = name
+        self.devices = tuple(devices)
+        self.service = LineService(targets_of(devices), audit=audit)
+        self.plan = self._plan()
+        self._on_reading = on_reading
+        self._polling: asyncio.Task[None] | None = None
+
+    def _plan(self) -> Plan:
+        return self.service.plan(
+            (device.name, point, every)
+            for device in self.devices
+            for point, every in polled(device).items()
+        )
+
+    async def run(self) -> None:
+        """Open the port, and poll until cancelled. Raises `UsageError` for a port that is none."""
+        async with self.service:
+            while True:
+                polling = self._polling = asyncio.create_task(
+                    self.service.poll(self.plan, self._on_reading)
+                )
+                try:
+                    await asyncio.wait([polling])
+                finally:
+                    polling.cancel()
+                    self._polling = None
+                    await asyncio.gather(polling, return_exceptions=True)
+                if not polling.cancelled():
+                    polling.result()
+
+    def fits(self, devices: Sequence[PlantDevice]) -> bool:
+        """Whether these devices are on the same port with the same settings."""
+        targets = targets_of(devices)
+        return settings_of_line(one_line(targets)) == settings_of_line(self.service.target)
+
+    async def change(self, devices: Sequence[PlantDevice]) -> None:
+        """Other devices or points on the open port. Raises `UsageError`."""
+        if self._polling is not None:
+            self._polling.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await asyncio.wait([self._polling])
+        self.service.change(targets_of(devices))
+        self.devices = tuple(devices)
+        self.plan = self._plan()
+
+    @property
+    def keys(self) -> list[tuple[str, str]]:
+        """Device and point of everything that is polled."""
+        return [(device.name, point) for device in self.devices for point in polled(device)]
+
+    def health(self) -> LineHealth:
+        service = self.service
+        settings = service.target.settings
+        return LineHealth(
+            self.name,
+            service.target.port,
+            service.target.protocol.name,
+            f"{settings.baud} {settings.format}",
+            None if service.lost is None else str(service.lost),
+            service.times_opened,
+            self.plan.learned(service.delays).load,
+            service.load,
+            service.missed,
+            asdict(service.counters),
+        )
+
+    def device_health(self, name: str) -> DeviceHealth:
+        device = next(device for device in self.devices if device.name == name)
+        served = self.service.device(name)
+        return DeviceHealth(
+            name,
+            self.name,
+            device.profile.name,
+            device.profile.title,
+            device.device.address,
+            len(polled(device)),
+            self.service.health.silent_since(name) is not None,
+            served.counters.delay,
+            asdict(served.counters),
+        )

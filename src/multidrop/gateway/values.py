@@ -1,0 +1,86 @@
+"""The latest of every point, and who wants to hear of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from multidrop.io.poller import Polled, Quality
+from multidrop.points import Value
+
+Key = tuple[str, str]
+"""Device, point: the names of the plant."""
+
+CLOCK_EVERY = 10.0
+"""s between two questions whether the clock is synchronised."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """What was just heard of a point. `polled` has its quality, time and newest good reading.
+
+    `monotonic` (s) goes on where wall time steps; `synchronised` says whether wall
+    time can be trusted, None where nobody knows.
+    """
+
+    device: str
+    point: str
+    polled: Polled
+    monotonic: float
+    synchronised: bool | None = None
+
+    @property
+    def key(self) -> Key:
+        return self.device, self.point
+
+    @property
+    def quality(self) -> Quality:
+        return self.polled.quality
+
+    @property
+    def good(self) -> bool:
+        return self.polled.good
+
+    @property
+    def value(self) -> Value | None:
+        """The newest good value, physical; it is old where the quality is not good."""
+        return self.polled.value
+
+
+class Values:
+    """The latest `Update` of each point. Listeners are called in the loop and must return at once."""
+
+    def __init__(
+        self, now: Callable[[], float], synchronised: Callable[[], bool | None] = lambda: None
+    ) -> None:
+        self.latest: dict[Key, Update] = {}
+        self.listeners: list[Callable[[Update], None]] = []
+        self._now = now
+        self._ask_clock = synchronised
+        self._synchronised: bool | None = None
+        self._asked = float("-inf")
+
+    def take(self, polled: Polled) -> None:
+        """A poll says something. Raises what a listener raises."""
+        now = self._now()
+        if now - self._asked >= CLOCK_EVERY:
+            self._asked, self._synchronised = now, self._ask_clock()
+        name = polled.point.name or polled.point.text
+        update = Update(polled.device, name, polled, now, self._synchronised)
+        self.latest[update.key] = update
+        for listener in self.listeners:
+            listener(update)
+
+    def get(self, device: str, point: str) -> Update | None:
+        """None before anything was said of it."""
+        return self.latest.get((device, point))
+
+    def of(self, device: str) -> Iterator[Update]:
+        """The latest of all points of a device."""
+        return (update for update in self.latest.values() if update.device == device)
+
+    def keep_only(self, keys: Iterable[Key]) -> None:
+        """Forget the points that are no longer polled."""
+        kept = set(keys)
+        for key in [key for key in self.latest if key not in kept]:
+            del self.latest[key]
