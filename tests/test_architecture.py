@@ -18,6 +18,7 @@ from multidrop.protocols import PROTOCOLS
 SRC = Path(multidrop.__file__).parent
 
 GROUND = {
+    "broadcasting",
     "checksums",
     "conversation",
     "decoder",
