@@ -34,6 +34,7 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "restore": ("restore", "A passport's settings onto a device: first the plan, then the proof."),
     "raw": ("services", "Send one command body as is."),
     "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
+    "doctor": ("doctor", "Why a line fails, with the bytes that prove it."),
     "wireshark": ("wireshark", "The dissector and the extcap for Wireshark, and where they go."),
     "extcap": ("wireshark", "What Wireshark calls to listen to a line."),
     "sniff": ("sniff", "Listen to a line that others speak on, decoded and recorded."),

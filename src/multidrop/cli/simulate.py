@@ -69,7 +69,8 @@ def simulate(
 
     flexmax:1+dgfc386 has a card behind it, 53mc5000:3+port is on its configuration port.
 
-    Faults: no-answer late-answer wrong-checksum cut-short noise other-slave wrong-sequence.
+    Faults: no-answer late-answer wrong-checksum cut-short noise other-slave wrong-sequence
+    gap twice.
     """
     if min(burst, delay, late) < 0:
         raise UsageError("--burst, --delay and --late are times: 0 or more")

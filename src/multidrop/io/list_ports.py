@@ -37,16 +37,19 @@ def list_ports() -> list[PortFacts]:
                 device=device,
                 adapter=" ".join(filter(None, (info.manufacturer, info.product))) or "built in",
                 busy=open_by.get(os.path.realpath(device), ""),
-                latency_ms=_latency(device),
+                latency_ms=latency_of(device),
                 problem=_problem(device),
             )
         )
     return sorted(found, key=lambda facts: facts.port)
 
 
-def _latency(device: str) -> int | None:
+def latency_of(device: str) -> int | None:
+    """ms that the timer of a USB adapter is set to; None where there is none (Linux)."""
     try:
-        text = Path(f"/sys/class/tty/{Path(device).name}/device/latency_timer").read_text()
+        text = Path(
+            f"/sys/class/tty/{Path(os.path.realpath(device)).name}/device/latency_timer"
+        ).read_text()
         return int(text)
     except (OSError, ValueError):
         return None

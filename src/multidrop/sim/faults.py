@@ -14,6 +14,10 @@ from multidrop.profile import nearest
 LATE = 1.0
 """s by which a late answer comes later, unless set."""
 
+GAP = 0.5
+"""s of rest in the middle of an answer with a gap: longer than any master waits for the next byte
+but Ultra3000's, whose documents know no limit."""
+
 NOISE = bytes.fromhex("01 7F FF 00")
 """Bytes before a frame: SLINK3's START is among them, so they look like the beginning of one."""
 
@@ -28,6 +32,8 @@ class Fault(StrEnum):
     NOISE = "noise"
     OTHER_SLAVE = "other-slave"
     WRONG_SEQUENCE = "wrong-sequence"
+    GAP = "gap"
+    TWICE = "twice"
 
 
 class Faults(Protocol):

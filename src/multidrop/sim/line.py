@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from multidrop.decoder import Decoder
 from multidrop.events import Damaged, FrameReceived
-from multidrop.sim.faults import LATE, NOISE, Fault, Faults, NoFaults
+from multidrop.sim.faults import GAP, LATE, NOISE, Fault, Faults, NoFaults
 
 FOREVER = float("inf")
 
@@ -183,6 +183,12 @@ class Connection:
             answer = answer[: len(answer) // 2]
         elif fault is Fault.NOISE:
             answer = NOISE + answer
+        elif fault is Fault.GAP:
+            half = len(answer) // 2
+            self._queue(answer[:half], max(at, self._line.free_at))
+            answer, at = answer[half:], self._line.free_at + GAP
+        elif fault is Fault.TWICE:  # a second device with this address
+            self._queue(answer, max(at, self._line.free_at))
         elif fault is not None:
             answer = device.disguise(answer, fault)
         self._queue(answer, max(at, self._line.free_at))
