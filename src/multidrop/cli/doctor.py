@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from multidrop.catalog import CONFIG
 from multidrop.cli.listening import find_plant, protocol_name
-from multidrop.cli.options import CONFIG
 from multidrop.errors import UsageError
 from multidrop.io.connection import Target
 from multidrop.naming import LINE_KEYS, LineOptions, parse_port
