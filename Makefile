@@ -7,7 +7,8 @@ BIN := .venv/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wildcard tests/unit/test_*.py)
-WORLD := tests/integration tests/soak tests/unit/io tests/unit/sim tests/unit/cli tests/test_architecture.py
+WORLD := tests/integration tests/soak tests/test_architecture.py \
+    $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
 .PHONY: demo test check tshark soak bench fuzz docs clean
 
