@@ -33,6 +33,11 @@ class Point:
     def unit(self) -> str | None:
         return self.description.unit if self.description else None
 
+    @property
+    def within(self) -> str:
+        """Who in the device answers, where it is not the device itself: that one's is the fault bit."""
+        return ""
+
     def raw_text(self, raw: bytes) -> str:
         """A sample's bytes as people and programs are shown them: hex, unless the protocol is text."""
         return raw.hex()

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import functools
 import json as json_module
-import os
 import signal
 from datetime import datetime
 from pathlib import Path
@@ -14,22 +12,17 @@ from typing import Any
 
 import click
 
-from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile
 from multidrop.cli.failures import failure
 from multidrop.errors import UsageError
-from multidrop.gateway.check import Checked, demand_right
+from multidrop.gateway.check import Checked
 from multidrop.gateway.check import check as check_plant
 from multidrop.gateway.gateway import Gateway, Reloaded
 from multidrop.gateway.news import News
 from multidrop.gateway.parts import add_parts
+from multidrop.gateway.plants import load, plant_path, read
 from multidrop.gateway.settings import settings_of
 from multidrop.gateway.values import Update
 from multidrop.io.audit import jsonable
-from multidrop.plantfile import Plant, read_plant
-
-
-def _path(file: str | None) -> Path:
-    return Path(file or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
 
 
 @click.command(epilog="Example: multidrop check, or multidrop check /etc/multidrop/multidrop.toml")
@@ -40,7 +33,7 @@ def check(file: str | None, json: bool) -> None:
 
     Prints how full the polls make each line.
     """
-    checked = check_plant(_read(_path(file)))
+    checked = check_plant(read(plant_path(file)))
     if json:
         _print_json(checked)
     elif checked.lines:
@@ -59,17 +52,17 @@ def _print_json(checked: Checked) -> None:
 
 
 def _print_table(checked: Checked) -> None:
-    rows = [("line", "port", "settings", "devices", "points", "load")]
+    rows = [("line", "settings", "devices", "points", "load", "port")]
     for line in checked.lines:
-        numbers = (str(line.devices), str(line.points), f"{line.load:.0%}".replace("%", " %"))
-        rows.append((line.name, line.port, line.settings, *numbers))
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        cells = [
-            cell.ljust(width) if column < 3 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        click.echo("  ".join(cells))
+        load = f"{line.load:.0%}".replace("%", " %")
+        rows.append(
+            (line.name, line.settings, str(line.devices), str(line.points), load, line.port)
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    for name, settings, *numbers, port in rows:
+        cells = [name.ljust(widths[0]), settings.ljust(widths[1])]
+        cells += [number.rjust(width) for number, width in zip(numbers, widths[2:], strict=True)]
+        click.echo("  ".join([*cells, port]))
 
 
 @click.command(
@@ -80,7 +73,7 @@ def _print_table(checked: Checked) -> None:
 @click.option("--json", is_flag=True, help="every update as a JSON line on standard output")
 def run(file: str | None, json: bool) -> None:
     """Poll a plant, and serve what comes to the parts that its file switches on."""
-    path = _path(file)
+    path = plant_path(file)
     asyncio.run(_run(path, _Said(json)))
 
 
@@ -127,21 +120,10 @@ def _utc(time: datetime) -> str:
     return time.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
-def _read(path: Path) -> Plant:
-    return read_plant(path, functools.partial(load_profile, config=path))
-
-
-def _load(path: Path) -> Plant:
-    """A plant file in which nothing is wrong. Raises `UsageError` with all that is."""
-    plant = _read(path)
-    demand_right(plant)
-    return plant
-
-
 async def _run(path: Path, said: _Said) -> None:
     """Run until SIGTERM or Ctrl-C."""
-    plant = _load(path)
-    gateway = Gateway(plant, settings_of(plant), say=said.ready)
+    plant = load(path)
+    gateway = Gateway(plant, settings_of(plant), say=said.ready, news=said.news)
     add_parts(gateway)
     news = News(lambda device: gateway.device(device).line, said.news)
     gateway.values.listeners += [news.take, said.update]
@@ -174,7 +156,7 @@ async def _run(path: Path, said: _Said) -> None:
 async def _reload(gateway: Gateway, path: Path, said: _Said) -> None:
     """Read the file again; where it is wrong, all stays as it was."""
     try:
-        plant = await asyncio.to_thread(_load, path)
+        plant = await asyncio.to_thread(load, path)
         tables = plant.tables != gateway.plant.tables
         done = await gateway.reload(plant)
     except UsageError as error:

@@ -19,6 +19,7 @@ from typing import Any, Protocol, Self
 from multidrop.errors import Error
 from multidrop.gateway.check import demand_right
 from multidrop.gateway.clock import synchronised
+from multidrop.gateway.fault_watch import FaultWatch
 from multidrop.gateway.line import DeviceHealth, GatewayLine, LineHealth
 from multidrop.gateway.permission import NotAllowed, Rates, allowed, check_value, number
 from multidrop.gateway.polled import role_of
@@ -56,7 +57,7 @@ class Reloaded:
 class Gateway:
     """A plant that is polled. Use it in an `async with`; add its `parts` before.
 
-    `say` is told what people should know: where a part listens.
+    `say` is told where a part listens, `news` what a log should have: a trip, a disk that is full.
     """
 
     def __init__(
@@ -66,13 +67,17 @@ class Gateway:
         *,
         audit: AuditLog | None = None,
         say: Callable[[str], None] = lambda text: None,
+        news: Callable[[str], None] = lambda text: None,
     ) -> None:
         demand_right(plant)
         self.plant = plant
         self.settings = settings or Settings()
         self.say = say
+        self.news = news
         self.audit = audit or AuditLog(origin="gateway")
         self.values = Values(asyncio.get_running_loop().time, synchronised)
+        self.faults = FaultWatch()
+        self.values.listeners.append(self.faults.take)
         self.lines: dict[str, GatewayLine] = {}
         self.parts: dict[str, Part] = {}
         self.on_line: list[Callable[[GatewayLine], None]] = []
@@ -170,6 +175,7 @@ class Gateway:
                 self._start_line(name, plant)
             self.plant = plant
             self.values.keep_only(key for line in self.lines.values() for key in line.keys)
+            self.faults.keep_only(plant.devices)
         gone = [name for name in stopped if name not in started]
         return Reloaded(tuple(started), tuple(changed), tuple(gone), tuple(kept))
 
@@ -244,4 +250,4 @@ class Gateway:
 
     def device_health(self, name: str) -> DeviceHealth:
         """Raises `UsageError`."""
-        return self.line_of(name).device_health(name)
+        return self.line_of(name).device_health(name, self.faults.state(name))

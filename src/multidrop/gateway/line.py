@@ -34,7 +34,10 @@ class LineHealth:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """A device now. `silent` is whether it does not answer, `delay` its answer delay in s."""
+    """A device now. `silent` is whether it does not answer, `delay` its answer delay in s.
+
+    `fault` is what it said last, None where it says nothing of faults.
+    """
 
     name: str
     line: str
@@ -43,6 +46,7 @@ class DeviceHealth:
     address: int | None
     points: int
     silent: bool
+    fault: bool | None
     delay: float | None
     counters: dict[str, Any]
 
@@ -119,7 +123,7 @@ class GatewayLine:
             asdict(service.counters),
         )
 
-    def device_health(self, name: str) -> DeviceHealth:
+    def device_health(self, name: str, fault: bool | None) -> DeviceHealth:
         device = next(device for device in self.devices if device.name == name)
         served = self.service.device(name)
         return DeviceHealth(
@@ -130,6 +134,7 @@ class GatewayLine:
             device.device.address,
             len(polled(device)),
             self.service.health.silent_since(name) is not None,
+            fault,
             served.counters.delay,
             asdict(served.counters),
         )

@@ -8,7 +8,9 @@ from multidrop.errors import UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.settings import CLASSES
 
-PARTS: dict[str, str] = {}
+PARTS: dict[str, str] = {
+    "faults": "multidrop.gateway.faults",
+}
 """Table -> module with `part(gateway) -> Part`, in the order in which they are started. Imported when needed."""
 
 

@@ -50,6 +50,10 @@ class ParameterPoint(Point):
     type_code: Format | None = None
     inferred: bool = False  # its index follows from a rule that no document states for this model
 
+    @property
+    def within(self) -> str:
+        return f"dest{self.destination}" if self.destination else ""
+
 
 def parse_point(text: str, profile: Profile, dialect: Dialect) -> ParameterPoint:
     """The point that `text` names. Raises `UsageError` with the grammar, or the nearest name."""
