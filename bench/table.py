@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 from collections.abc import Callable
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from bench import datalink, service, ultra3000
 from bench.codec import decoding, encoding
@@ -38,6 +41,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "ultra3000": ultra3000.rows,
 }
 README = ROOT / "bench" / "README.md"
+MEASURED = ROOT / "bench" / "measured.json"
 BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
 
 
@@ -52,17 +56,46 @@ def main() -> int:
     for row in chosen.rows:
         if row not in ROWS:
             parser.error(f"there is no row {row!r}; rows are {' '.join(ROWS)}")
-    where = machine()
-    results: list[Result] = []
+    known = measured() if chosen.write else {}
     for row in chosen.rows or ROWS:
         print(f"measuring {row} ...", flush=True)
-        results += ROWS[row](chosen.quick)
-    text = f"{where}\n\n{table(results)}\n\n{beside(results)}\n"
-    print(f"\n{text}", end="")
-    if chosen.write:
-        head, _, rest = README.read_text().partition(BEGIN)
-        README.write_text(f"{head}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}")
+        where = machine()
+        results = ROWS[row](chosen.quick)
+        print(f"\n{where}\n\n{table(results)}\n\n{beside(results)}\n", flush=True)
+        known[row] = {"where": where, "results": [asdict(result) for result in results]}
+        if chosen.write:
+            keep(known)
     return 0
+
+
+def measured() -> dict[str, Any]:
+    """What was measured before: row -> where and when, and its results."""
+    if not MEASURED.exists():
+        return {}
+    found: dict[str, Any] = json.loads(MEASURED.read_text())
+    return {row: found[row] for row in ROWS if row in found}
+
+
+def keep(known: dict[str, Any]) -> None:
+    """Keep all that is known, and show it in the README."""
+    known = {row: known[row] for row in ROWS if row in known}
+    MEASURED.write_text(json.dumps(known, indent=1, ensure_ascii=False) + "\n")
+    places = dict.fromkeys(entry["where"].partition("; load")[0] for entry in known.values())
+    results = [Result(**result) for entry in known.values() for result in entry["results"]]
+    loads = [
+        f"{row} {entry['where'].partition('load before the run ')[2].rstrip('.')}"
+        for row, entry in known.items()
+    ]
+    text = "\n\n".join(
+        [
+            *places,
+            table(results),
+            f"Load before each row's run: {'; '.join(loads)}.",
+            beside(results),
+        ]
+    )
+    head, _, rest = README.read_text().partition(BEGIN)
+    README.write_text(f"{head}{BEGIN}\n{text}\n\n{END}{rest.partition(END)[2]}")
 
 
 def table(results: list[Result]) -> str:
