@@ -1,0 +1,255 @@
+"""What can be asked over HTTP: every operation, and what it answers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
+
+from multidrop.errors import Error, UsageError
+from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.web import metrics, shapes
+from multidrop.gateway.web.access import Access, Refused
+from multidrop.gateway.web.live import Live
+from multidrop.gateway.web.operations import Operation, Parameter, document, listed, ref
+from multidrop.gateway.web.schemas import SCHEMAS, WRITE
+from multidrop.gateway.web.tokens import Right
+from multidrop.gateway.web.wire import Watch
+
+MOST_LISTENERS = 250
+"""Event streams at a time."""
+
+STATUS_EVERY = 1.0
+"""s between two events that say how lines and devices are: also a sign of life."""
+
+EVENT_STREAM = "text/event-stream"
+
+DEVICE = Parameter("device", "a device, by its name in the plant file", example="infeed")
+POINT = Parameter("point", "a point of it, by its name in the plant file", example="speed")
+LINE = Parameter("line", "a line, by its name in the plant file", example="press")
+
+
+class Api:
+    """The operations on one gateway."""
+
+    def __init__(self, gateway: Gateway, access: Access) -> None:
+        self.gateway = gateway
+        self.live = Live(gateway.values, shapes.value)
+        self._access = access
+        self._streams = 0
+        self._status: tuple[float, str] = (float("-inf"), "")
+        self.operations = self._operations()
+        self._document = document(self.operations, SCHEMAS)
+
+    def _operations(self) -> tuple[Operation, ...]:
+        one = (DEVICE, POINT)
+        several = Parameter("device", "only these devices; may be given more than once")
+        return (
+            Operation("GET", "/health", "Whether the gateway runs, and its lines", self.health,
+                      right=None, schema=ref("Health")),
+            Operation("GET", "/metrics", "Metrics for Prometheus", self.metrics,
+                      content="text/plain"),
+            Operation("GET", "/openapi.json", "This document", self.openapi,
+                      right=None, schema={"type": "object"}),
+            Operation("GET", "/api/plant", "Lines, devices and points", self.plant,
+                      schema=ref("Plant")),
+            Operation("GET", "/api/status", "How lines and devices are", self.status,
+                      schema=ref("Status")),
+            Operation("GET", "/api/values", "The latest value of every point", self.values,
+                      parameters=(several,), schema=listed(ref("Value")), statuses=(404,)),
+            Operation("GET", "/api/values/{device}/{point}", "The latest value of one point",
+                      self.value, parameters=one, schema=ref("Value"), statuses=(404,)),
+            Operation("GET", "/api/events", "Values and status as they come (server-sent events)",
+                      self.events, parameters=(several,), content=EVENT_STREAM, statuses=(404, 429)),
+            Operation("GET", "/api/lines/{line}/frames", "What passes on a line (server-sent events)",
+                      self.frames, parameters=(LINE,), content=EVENT_STREAM, statuses=(404, 429)),
+            Operation("POST", "/api/read", "Read a point from its device now", self.read,
+                      body=ref("PointName"), schema=ref("Reading"), statuses=(404, 502, 503, 504)),
+            Operation("POST", "/api/write", "Write a point that the plant file lets be written",
+                      self.write, right=Right.WRITE, body=WRITE, schema=ref("Written"),
+                      statuses=(404, 502, 503, 504)),
+            Operation("GET", "/api/rights", "What the caller may do", self.rights,
+                      schema=ref("Rights")),
+        )  # fmt: skip
+
+    def answering(self, operation: Operation) -> Callable[[Request], Awaitable[Response]]:
+        """An operation as a route: rights before it, errors as JSON after it."""
+
+        async def answer(request: Request) -> Response:
+            if operation.right is not None:
+                request.state.token = self._access.who(request.headers, operation.right)
+            try:
+                _known_parameters(request, operation)
+                return await operation.answer(request)
+            except Error as error:
+                status, body = shapes.failure(error)
+                return JSONResponse(body, status)
+
+        return answer
+
+    # -- reading -----------------------------------------------------------------------------
+
+    async def health(self, request: Request) -> Response:
+        lines = self.gateway.line_health()
+        lost = [line.name for line in lines if line.lost is not None]
+        return JSONResponse({"status": "degraded" if lost else "ok", "lines_lost": len(lost)})
+
+    async def metrics(self, request: Request) -> Response:
+        return PlainTextResponse(metrics.text(self.gateway), media_type=metrics.CONTENT)
+
+    async def openapi(self, request: Request) -> Response:
+        return JSONResponse(self._document)
+
+    async def plant(self, request: Request) -> Response:
+        return JSONResponse(shapes.plant(self.gateway))
+
+    async def status(self, request: Request) -> Response:
+        return JSONResponse(shapes.status(self.gateway))
+
+    async def values(self, request: Request) -> Response:
+        _, text = self.live.since(0, self._devices(request))
+        return Response(text or "[]", media_type="application/json")
+
+    async def value(self, request: Request) -> Response:
+        device, point = request.path_params["device"], request.path_params["point"]
+        update = self.gateway.values.get(device, point)
+        if update is None:
+            self._found(device, point)
+            raise Refused(404, f"nothing was heard of {device} {point} yet")
+        return JSONResponse(shapes.value(update))
+
+    async def rights(self, request: Request) -> Response:
+        token = request.state.token
+        rights = {Right.READ} if token is None else token.rights
+        name = None if token is None else token.name
+        return JSONResponse({"name": name, "rights": sorted(rights)})
+
+    async def read(self, request: Request) -> Response:
+        body = await _body(request)
+        device, point = self._found(_text(body, "device"), _text(body, "point"))
+        reading = await self.gateway.read(device, point)
+        return JSONResponse(shapes.read_now(device, reading))
+
+    # -- writing -----------------------------------------------------------------------------
+
+    async def write(self, request: Request) -> Response:
+        """Only what the gateway lets be written; a caller who goes away does not stop a write."""
+        body = await _body(request)
+        device, point = _text(body, "device"), _text(body, "point")
+        value = body.get("value")
+        if not isinstance(value, int | float):
+            raise UsageError("value is not a number")
+        self._found(device, point)
+        client = request.client.host if request.client else "?"
+        writing = asyncio.ensure_future(
+            self.gateway.write(
+                device, point, value, who=request.state.token.name, origin=f"http {client}"
+            )
+        )
+        return JSONResponse(shapes.written(device, await asyncio.shield(writing)))
+
+    # -- as it comes -------------------------------------------------------------------------
+
+    async def events(self, request: Request) -> Response:
+        return self._stream(self._events(self._devices(request)))
+
+    async def frames(self, request: Request) -> Response:
+        name = request.path_params["line"]
+        if name not in self.gateway.lines:
+            raise Refused(404, f"there is no line {name!r}")
+        return self._stream(self._frames(Watch(self.gateway.lines[name])))
+
+    def _stream(self, events: AsyncIterator[str]) -> Response:
+        if self._streams >= MOST_LISTENERS:
+            raise Refused(429, f"{MOST_LISTENERS} listen already")
+        return StreamingResponse(self._counted(events), media_type=EVENT_STREAM)
+
+    async def _counted(self, events: AsyncIterator[str]) -> AsyncIterator[str]:
+        self._streams += 1
+        try:
+            async for event in events:
+                yield event
+        finally:
+            self._streams -= 1
+
+    async def _events(self, devices: frozenset[str] | None) -> AsyncIterator[str]:
+        """First all values, then those that change; `plant` where the plant file was read again."""
+        loop = asyncio.get_running_loop()
+        number, plant, next_status = 0, self.gateway.plant, loop.time()
+        self.live.listeners += 1
+        try:
+            while not self.live.closed:
+                if plant is not self.gateway.plant:
+                    plant = self.gateway.plant
+                    yield _event("plant", "{}")
+                number, text = self.live.since(number, devices)
+                if text:
+                    yield _event("values", text)
+                if loop.time() >= next_status:
+                    next_status = loop.time() + STATUS_EVERY
+                    yield _event("status", self._status_text(loop.time()))
+                await self.live.wait(max(0.0, next_status - loop.time()))
+        finally:
+            self.live.listeners -= 1
+
+    def _status_text(self, now: float) -> str:
+        """Once for all who listen."""
+        if now - self._status[0] >= STATUS_EVERY / 2:
+            self._status = now, json.dumps(shapes.status(self.gateway), allow_nan=False)
+        return self._status[1]
+
+    async def _frames(self, watch: Watch) -> AsyncIterator[str]:
+        async for found in watch.pieces():
+            if self.live.closed:
+                return
+            told = {"now": shapes.now(), "left_out": watch.left_out, "transactions": found}
+            yield _event("frames", json.dumps(told, allow_nan=False))
+
+    # -- what was asked for ------------------------------------------------------------------
+
+    def _devices(self, request: Request) -> frozenset[str] | None:
+        asked = request.query_params.getlist("device")
+        for name in asked:
+            if name not in self.gateway.plant.devices:
+                raise Refused(404, f"there is no device {name!r}")
+        return frozenset(asked) or None
+
+    def _found(self, device: str, point: str) -> tuple[str, str]:
+        """A point that is polled. Raises `Refused`."""
+        if device not in self.gateway.plant.devices:
+            raise Refused(404, f"there is no device {device!r}")
+        if (device, point) not in self.gateway.line_of(device).keys:
+            raise Refused(404, f"{device} has no point {point!r} that is polled")
+        return device, point
+
+
+def _known_parameters(request: Request, operation: Operation) -> None:
+    known = {item.name for item in operation.parameters}
+    for name in request.query_params:
+        if name not in known:
+            raise UsageError(f"there is no parameter {name!r}")
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    try:
+        body = json.loads(await request.body())
+    except (ValueError, RecursionError):
+        raise UsageError("the body is not JSON") from None
+    if not isinstance(body, dict):
+        raise UsageError("the body is not a JSON object")
+    return body
+
+
+def _text(body: dict[str, Any], name: str) -> str:
+    value = body.get(name)
+    if not isinstance(value, str):
+        raise UsageError(f"{name} is missing, or not a text")
+    return value
+
+
+def _event(name: str, data: str) -> str:
+    return f"event: {name}\ndata: {data}\n\n"

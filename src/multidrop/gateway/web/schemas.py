@@ -1,0 +1,127 @@
+"""The shapes of the OpenAPI document."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from multidrop.gateway.web.operations import (
+    ANY_VALUE,
+    NUMBER,
+    TEXT,
+    TIME,
+    WHOLE,
+    YES_NO,
+    Schema,
+    fields,
+    listed,
+    maybe,
+    ref,
+)
+from multidrop.io.poller import Quality
+from multidrop.points import Role
+from multidrop.writing import Outcome
+
+
+def _one_of(words: Any) -> Schema:
+    return {"type": "string", "enum": [word.value for word in words]}
+
+
+WRITE: Schema = {
+    **fields(device=TEXT, point=TEXT, value={"type": "number", "description": "physical"}),
+    "additionalProperties": False,
+}
+
+SCHEMAS: dict[str, Schema] = {
+    "Failure": fields(error=fields(kind=TEXT, code=maybe(WHOLE), text=TEXT)),
+    "Health": fields(status={"type": "string", "enum": ["ok", "degraded"]}, lines_lost=WHOLE),
+    "Plant": fields(lines=listed(ref("Line")), parts=listed(TEXT)),
+    "Line": fields(name=TEXT, port=TEXT, devices=listed(ref("Device"))),
+    "Device": fields(
+        name=TEXT,
+        line=TEXT,
+        protocol=TEXT,
+        profile=TEXT,
+        title=TEXT,
+        address=maybe(WHOLE),
+        points=listed(ref("Point")),
+    ),
+    "Point": fields(
+        name=TEXT,
+        at=TEXT,
+        type=maybe(TEXT),
+        unit=maybe(TEXT),
+        role=_one_of(Role),
+        meaning=TEXT,
+        every=NUMBER,
+        names={"type": "object", "additionalProperties": TEXT},
+        bits=listed(TEXT),
+        write={"anyOf": [ref("Limits"), {"type": "null"}]},
+    ),
+    "Limits": fields(min=NUMBER, max=NUMBER, rate=NUMBER, motion=YES_NO),
+    "Status": fields(
+        now=TIME,
+        lines=listed(
+            fields(
+                name=TEXT,
+                port=TEXT,
+                protocol=TEXT,
+                settings=TEXT,
+                lost=maybe(TEXT),
+                times_opened=WHOLE,
+                planned=NUMBER,
+                load=NUMBER,
+                missed=WHOLE,
+                counters={"type": "object"},
+            )
+        ),
+        devices=listed(
+            fields(
+                name=TEXT,
+                line=TEXT,
+                profile=TEXT,
+                title=TEXT,
+                address=maybe(WHOLE),
+                points=WHOLE,
+                silent=YES_NO,
+                delay=maybe(NUMBER),
+                counters={"type": "object"},
+            )
+        ),
+    ),
+    "Value": fields(
+        device=TEXT,
+        point=TEXT,
+        value=ANY_VALUE,
+        meaning=maybe(TEXT),
+        quality=_one_of(Quality),
+        fault=maybe(YES_NO),
+        time=maybe(TIME),
+        checked=TIME,
+        error=maybe(TEXT),
+    ),
+    "PointName": {**fields(device=TEXT, point=TEXT), "additionalProperties": False},
+    "Reading": fields(
+        device=TEXT,
+        point=TEXT,
+        value=ANY_VALUE,
+        meaning=maybe(TEXT),
+        unit=maybe(TEXT),
+        type=TEXT,
+        raw=TEXT,
+        fault=maybe(YES_NO),
+        time=TIME,
+        ms=NUMBER,
+    ),
+    "Written": fields(
+        device=TEXT,
+        point=TEXT,
+        old=ANY_VALUE,
+        asked=ANY_VALUE,
+        found=ANY_VALUE,
+        outcome=_one_of(Outcome),
+        time=TIME,
+    ),
+    "Rights": fields(
+        name=maybe(TEXT), rights=listed({"type": "string", "enum": ["read", "write"]})
+    ),
+}

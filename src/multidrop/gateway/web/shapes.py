@@ -1,0 +1,176 @@
+"""How plant, values, health and writes look in JSON. docs/reference/http.md describes the same."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Any
+
+from multidrop.errors import (
+    DeviceError,
+    Error,
+    NoReply,
+    NotApplied,
+    OutcomeUnknown,
+    PortError,
+    ProtocolError,
+    UsageError,
+)
+from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.permission import NotAllowed
+from multidrop.gateway.polled import polled, role_of, target_of
+from multidrop.gateway.values import Update
+from multidrop.io.audit import jsonable, shown
+from multidrop.plantfile import PlantDevice
+from multidrop.points import Point, Reading, Role
+from multidrop.writing import Written
+
+FAILURES: tuple[tuple[type[Error], int, str], ...] = (
+    (NotAllowed, 403, "not-allowed"),
+    (UsageError, 400, "usage"),
+    (DeviceError, 502, "refused"),
+    (NoReply, 504, "no-reply"),
+    (ProtocolError, 502, "protocol"),
+    (OutcomeUnknown, 502, "unknown-outcome"),
+    (NotApplied, 502, "not-applied"),
+    (PortError, 503, "port"),
+)
+"""What went wrong -> HTTP status, and the kind as the command line prints it."""
+
+
+def failure(error: Error) -> tuple[int, dict[str, Any]]:
+    """HTTP status and body of what went wrong."""
+    for kind, status, name in FAILURES:
+        if isinstance(error, kind):
+            code = getattr(error, "code", None)
+            return status, {"error": {"kind": name, "code": code, "text": str(error)}}
+    return 500, {"error": {"kind": "failure", "code": None, "text": str(error)}}
+
+
+def utc(time: datetime) -> str:
+    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def now() -> str:
+    return utc(datetime.now(UTC))
+
+
+# -- what there is -------------------------------------------------------------------------------
+
+
+def plant(gateway: Gateway) -> dict[str, Any]:
+    """Lines with their devices with their points, in the order of the plant file."""
+    return {
+        "lines": [
+            {
+                "name": line,
+                "port": port,
+                "devices": [device(found) for found in gateway.plant.on(line)],
+            }
+            for line, port in gateway.plant.lines.items()
+        ],
+        "parts": sorted(gateway.parts),
+    }
+
+
+def device(found: PlantDevice) -> dict[str, Any]:
+    """One device with all points that are polled."""
+    worked_out = target_of(found).device()
+    return {
+        "name": found.name,
+        "line": found.line,
+        "protocol": found.profile.protocol,
+        "profile": found.profile.name,
+        "title": found.profile.title,
+        "address": found.device.address,
+        "points": [
+            point(found, name, every, worked_out.point(name))
+            for name, every in polled(found).items()
+        ],
+    }
+
+
+def point(found: PlantDevice, name: str, every: float, known: Point) -> dict[str, Any]:
+    """One point: what is known of it, and whether it may be written."""
+    description = known.description
+    named = found.points.get(name)
+    role = role_of(found, name) if named else known.role
+    write = None
+    if named and named.write and (named.motion or role is not Role.COMMAND):
+        write = {
+            "min": named.write.minimum,
+            "max": named.write.maximum,
+            "rate": named.write.rate,
+            "motion": role is Role.COMMAND,
+        }
+    return {
+        "name": name,
+        "at": named.at if named else known.text,
+        "type": known.type,
+        "unit": known.unit,
+        "role": role.value,
+        "meaning": description.meaning if description else "",
+        "every": every,
+        "names": dict(description.names) if description else {},
+        "bits": list(description.bits) if description else [],
+        "write": write,
+    }
+
+
+# -- how it is -----------------------------------------------------------------------------------
+
+
+def value(update: Update) -> dict[str, Any]:
+    """The latest of a point. `time` is that of the value, `checked` when it was last asked for."""
+    reading = update.polled.reading
+    error = update.polled.error
+    return {
+        "device": update.device,
+        "point": update.point,
+        "value": None if reading is None else jsonable(reading.value),
+        "meaning": None if reading is None else reading.meaning,
+        "quality": update.quality.value,
+        "fault": None if reading is None else reading.fault,
+        "time": None if reading is None else utc(reading.time),
+        "checked": utc(update.polled.time),
+        "error": None if error is None else str(error),
+    }
+
+
+def read_now(device_name: str, reading: Reading) -> dict[str, Any]:
+    """A point that was just read."""
+    return {
+        "device": device_name,
+        "point": reading.name or reading.point,
+        "value": jsonable(reading.value),
+        "meaning": reading.meaning,
+        "unit": reading.unit,
+        "type": reading.type,
+        "raw": reading.raw_text,
+        "fault": reading.fault,
+        "time": utc(reading.time),
+        "ms": reading.ms,
+    }
+
+
+def status(gateway: Gateway) -> dict[str, Any]:
+    """Every line and device: whether it answers, how full, what was counted."""
+    return {
+        "now": now(),
+        "lines": [asdict(line) for line in gateway.line_health()],
+        "devices": [asdict(gateway.device_health(name)) for name in gateway.plant.devices],
+    }
+
+
+def written(device_name: str, record: Written) -> dict[str, Any]:
+    """A write that was done."""
+    description = record.point.description
+    return {
+        "device": device_name,
+        "point": record.point.name or record.point.text,
+        "old": shown(record.old, description),
+        "asked": jsonable(record.asked),
+        "found": shown(record.found, description),
+        "outcome": record.outcome.value,
+        "time": now(),
+    }
