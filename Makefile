@@ -1,4 +1,4 @@
-# make demo    a simulated plant, live in the terminal
+# make demo    a simulated plant and its page
 # make test    lint, types and tests
 # Both set up what they need in .venv: Python 3.11 or newer with pip and venv is enough.
 
@@ -12,7 +12,7 @@ WORLD := tests/integration tests/soak tests/test_architecture.py \
 
 .PHONY: demo test check tshark soak bench fuzz docs clean
 
-demo: .venv/base
+demo: .venv/gateway
 	@$(BIN)/multidrop demo
 
 # The pure floors' own tests must reach every branch of them; the world's tests run side by side.
@@ -62,7 +62,7 @@ docs: .venv/dev
 	@$(PIP) --editable .
 	@touch $@
 
-.venv/dev .venv/bench .venv/fuzz: .venv/%: .venv/base
+.venv/gateway .venv/dev .venv/bench .venv/fuzz: .venv/%: .venv/base
 	@$(PIP) --editable '.[$*]'
 	@touch $@
 

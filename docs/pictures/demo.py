@@ -1,4 +1,4 @@
-"""Takes the picture of `multidrop demo`: runs it in a terminal and keeps its last screen.
+"""Takes the picture of `multidrop demo --terminal`: runs it in a terminal and keeps its last screen.
 
 python docs/pictures/demo.py    writes docs/pictures/demo.svg, after 42 s
 """
@@ -30,7 +30,7 @@ def terminal_output() -> str:
     if child == 0:
         command = str(Path(sys.executable).parent / "multidrop")
         os.environ.update(TERM="xterm-256color", COLUMNS=str(COLUMNS), LINES=str(LINES))
-        os.execv(command, ["multidrop", "demo", "--seconds", str(SECONDS)])
+        os.execv(command, ["multidrop", "demo", "--terminal", "--seconds", str(SECONDS)])
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", LINES, COLUMNS, 0, 0))
     written = bytearray()
     while True:
@@ -58,7 +58,7 @@ def main() -> None:
         record=True, width=COLUMNS, file=io.StringIO(), force_terminal=True, color_system="256"
     )
     console.print(Text.from_ansi(last_screen(terminal_output())))
-    svg = console.export_svg(title="multidrop demo", unique_id="demo")
+    svg = console.export_svg(title="multidrop demo --terminal", unique_id="demo")
     target = Path(__file__).with_suffix(".svg")
     target.write_text(FONT_FROM_NETWORK.sub("\n", svg), encoding="utf-8")
     print(target.name)

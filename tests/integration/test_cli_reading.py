@@ -361,7 +361,7 @@ def test_ctrl_c_while_an_answer_is_awaited(plant: Simulator) -> None:
 
 
 def test_the_demo_without_a_terminal() -> None:
-    with running("demo", "--listen", "tcp://127.0.0.1:0") as demo:
+    with running("demo", "--terminal", "--listen", "tcp://127.0.0.1:0") as demo:
         port = demo.wait_for("listening on ").removeprefix("listening on ")
         demo.wait_for("actual_speed")
         assert state_of(f"flexmax:1@{port}") == "operation enabled"
@@ -371,7 +371,7 @@ def test_the_demo_without_a_terminal() -> None:
 
 
 def test_the_demo_ends_by_itself() -> None:
-    ran = multidrop("demo", "--listen", "tcp://127.0.0.1:0", "--seconds", "0.3")
+    ran = multidrop("demo", "--terminal", "--listen", "tcp://127.0.0.1:0", "--seconds", "0.3")
     assert (ran.status, ran.err) == (0, "")
     assert "multidrop status flexmax:3@tcp://127.0.0.1:" in ran.out
 

@@ -96,7 +96,7 @@ def test_watch_is_a_live_table(fresh: Address) -> None:
 
 
 def test_the_demo_is_a_live_table() -> None:
-    with on_terminal("demo", "--listen", "tcp://127.0.0.1:0") as terminal:
+    with on_terminal("demo", "--terminal", "--listen", "tcp://127.0.0.1:0") as terminal:
         terminal.wait_for("winder")
         terminal.wait_for("rpm")
         assert terminal.interrupt() == 130

@@ -1,4 +1,4 @@
-"""`multidrop demo`: a simulated plant, read over real TCP lines, live in the terminal."""
+"""`multidrop demo`: a simulated plant on real TCP lines, with its page, or live in the terminal."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from shutil import which
 
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.errors import Error, PortError
+from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line
 from multidrop.io.ports import tcp_address
@@ -29,14 +30,20 @@ PORT_NUMBER = 4001
 
 @click.command(epilog="Example: multidrop demo, and in another terminal what it prints")
 @click.option("--listen", metavar="tcp://HOST:PORT", help="where the plant's first line listens")
+@click.option(
+    "--http", metavar="HOST:PORT", help="where the page is; 127.0.0.1:8080, or any free port"
+)
+@click.option("--terminal", is_flag=True, help="no page: a table in this terminal")
 @click.option("--seconds", type=click.FloatRange(0.0), metavar="S", help="end after so long")
-def demo(listen: str | None, seconds: float | None) -> None:
-    """Start a simulated plant and show it live, until Ctrl-C.
+def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | None) -> None:
+    """Start a simulated plant and its page, until Ctrl-C.
 
     Three FlexMax drives and an AX-V share one line, a 53MC5000 controls a vessel
     on the second, an Ultra3000 moves an axis on the third. One of the drives
-    trips now and then.
+    trips now and then. `multidrop run` polls them and serves the page; without
+    what it needs they are shown in the terminal.
     """
+    page = not terminal and _has_page()
     with contextlib.ExitStack() as stack:
         ports = _start(stack, listen)
         for port in ports.values():
@@ -48,7 +55,22 @@ def demo(listen: str | None, seconds: float | None) -> None:
         click.echo(f"  {command} write ax-v:2@{ports['press']} 1111=200")
         click.echo(f"  {command} watch 53mc5000:0@{ports['vessel']} C100..C102")
         click.echo(f"  {command} write ultra3000:0@{ports['axis']} kp=5")
-        _show(ports, seconds)
+        if page:
+            from multidrop.cli.demo_page import show_page
+
+            show_page(ports, http, seconds)
+        else:
+            _show(ports, seconds)
+
+
+def _has_page() -> bool:
+    """Whether the extra is installed; says so where it is not."""
+    try:
+        import_module("multidrop.gateway.web")
+    except UsageError as missing:
+        click.echo(f"no page: {missing}", err=True)
+        return False
+    return True
 
 
 def _own_name() -> str:

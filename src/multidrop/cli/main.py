@@ -14,7 +14,7 @@ from multidrop.cli.failures import INTERRUPTED, exit_status, report_failure
 from multidrop.errors import Error
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
-    "demo": ("demo", "A simulated plant, live in the terminal: start here."),
+    "demo": ("demo", "A simulated plant and its page: start here."),
     "ports": ("about", "The serial ports of this machine."),
     "profiles": ("profiles", "The device models that multidrop knows, and profiles as tables."),
     "points": ("about", "The points of a model."),

@@ -74,10 +74,10 @@ def _print_table(checked: Checked) -> None:
 def run(file: str | None, json: bool) -> None:
     """Poll a plant, and serve what comes to the parts that its file switches on."""
     path = plant_path(file)
-    asyncio.run(_run(path, _Said(json)))
+    asyncio.run(run_plant(path, Said(json)))
 
 
-class _Said:
+class Said:
     """What is printed: for people what listens where and what has changed, else every update."""
 
     def __init__(self, json: bool) -> None:
@@ -120,7 +120,7 @@ def _utc(time: datetime) -> str:
     return time.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
-async def _run(path: Path, said: _Said) -> None:
+async def run_plant(path: Path, said: Said) -> None:
     """Run until SIGTERM or Ctrl-C."""
     plant = load(path)
     gateway = Gateway(plant, settings_of(plant), say=said.ready, news=said.news)
@@ -153,7 +153,7 @@ async def _run(path: Path, said: _Said) -> None:
                 task.cancel()
 
 
-async def _reload(gateway: Gateway, path: Path, said: _Said) -> None:
+async def _reload(gateway: Gateway, path: Path, said: Said) -> None:
     """Read the file again; where it is wrong, all stays as it was."""
     try:
         plant = await asyncio.to_thread(load, path)

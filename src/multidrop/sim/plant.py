@@ -53,6 +53,7 @@ class DemoPlant:
         self.unwinder = ax_v(2)
         self.vessel = Controller(0)
         self.axis = SimulatedUltra3000(0, load_profile("ultra3000"))
+        self._level = 0.0  # the setpoint of the vessel as it was set last
         self._drives = [self.infeed, self.press, self.winder]
         self.lines = {
             "press": _paced("slink3", [*self._drives, self.unwinder]),
@@ -68,6 +69,7 @@ class DemoPlant:
             for word in (SHUTDOWN, SWITCH_ON, ENABLE_OPERATION):
                 drive.drive.control(word, loop.time())
         self.axis.servo.enable(True, loop.time())
+        self.press.drive.set_speed(1450, loop.time())
         while True:
             now = loop.time()
             self._set(now - started, now)
@@ -76,12 +78,13 @@ class DemoPlant:
     def _set(self, elapsed: float, now: float) -> None:
         angle = 2 * math.pi * elapsed / CYCLE
         self.infeed.drive.set_speed(round(900 + 300 * math.sin(angle)), now)
-        self.press.drive.set_speed(1450, now)
         self.winder.drive.set_speed(round(700 + 500 * math.cos(angle / 2)), now)
         tension = self.unwinder.parameters.known[(1009, 0)]
         tension.value = round(125 + 20 * math.sin(3 * angle))
         setpoint = 60.0 if elapsed % (2 * CYCLE) < CYCLE else 40.0
-        self.vessel.memory.set_real(101, setpoint)
+        if setpoint != self._level:  # in between it is whoever writes it who says
+            self._level = setpoint
+            self.vessel.memory.set_real(101, setpoint)
         self.axis.servo.set_velocity(round(80_000 * math.sin(angle)), now)
         self._trip(elapsed, now)
 

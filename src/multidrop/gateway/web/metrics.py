@@ -30,7 +30,11 @@ def _of_lines(gateway: Gateway) -> Iterator[str]:
     lines = gateway.line_health()
     for name, meaning, value in (
         ("line_up", "whether the port is open", lambda line: float(line.lost is None)),
-        ("line_load_ratio", "share of the last minute in which it was used", lambda line: line.load),
+        (
+            "line_load_ratio",
+            "share of the last minute in which it was used",
+            lambda line: line.load,
+        ),
         ("line_planned_ratio", "share of its time that the polls take", lambda line: line.planned),
     ):
         yield from _metric(

@@ -65,7 +65,9 @@ def _token(name: str, entry: Any, where: str) -> Token:
         raise UsageError(f"{where} is not a table with sha256 and rights")
     sha256, rights = entry["sha256"], entry["rights"]
     if not isinstance(sha256, str) or not re.fullmatch(r"[0-9a-f]{64}", sha256):
-        raise UsageError(f"{where}.sha256 is not 64 hexadecimal digits: make it with multidrop token")
+        raise UsageError(
+            f"{where}.sha256 is not 64 hexadecimal digits: make it with multidrop token"
+        )
     if not isinstance(rights, list) or not rights or not set(rights) <= set(Right):
         raise UsageError(f"{where}.rights is not a list of: {', '.join(Right)}")
     return Token(name, sha256, frozenset(Right(right) for right in rights))

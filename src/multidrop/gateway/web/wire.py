@@ -41,6 +41,7 @@ class Watch:
         self._loop = asyncio.get_running_loop()
         self._found: deque[dict[str, Any]] = deque(maxlen=MOST_WAITING)
         self._wake = asyncio.Event()
+        self._begun = False
         self.left_out = 0
 
     async def pieces(self) -> AsyncIterator[list[dict[str, Any]]]:
@@ -54,6 +55,10 @@ class Watch:
             self._service.taps.remove(self._tap)
 
     def _tap(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
+        """From the first question on: the answer to one that nobody listened to is no stray."""
+        self._begun = self._begun or sent
+        if not self._begun:
+            return
         self._keep(self._observer.receive_data(data, now, sent=sent, damaged=damaged))
 
     async def _something(self) -> None:
@@ -84,7 +89,9 @@ class Watch:
     def _shape(self, found: Found) -> dict[str, Any]:
         """A transaction, a stray frame or damage, all with the same fields."""
         if isinstance(found, Damage):
-            return self._row("damage", found.reason, found.at, frames=[_frame(found.raw, found.sent)])
+            return self._row(
+                "damage", found.reason, found.at, frames=[_frame(found.raw, found.sent)]
+            )
         if isinstance(found, Stray):
             heard = found.heard
             address = getattr(heard.frame, "address", None)

@@ -69,8 +69,9 @@ export function sparkline() {
   svg.setAttribute("aria-hidden", "true");
   const path = document.createElementNS(SVG, "path");
   svg.append(path);
-  function draw(times, values, seconds = 120) {
+  function draw(times, values, most = 120) {
     const end = times[times.length - 1];
+    const seconds = Math.min(most, Math.max(20, end - times[0]));
     let first = times.length - 1;
     while (first > 0 && times[first - 1] >= end - seconds) first -= 1;
     let low = Infinity;
