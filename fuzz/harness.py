@@ -53,8 +53,13 @@ def piece(data: Provider, target: Target, sent: bytes) -> bytes:
 
 
 def fuzz_decoder(data: Provider, target: Target) -> None:
-    """Every byte comes out once, and the same however the stream was cut."""
+    """Every byte comes out once, and the same however the stream was cut.
+
+    After silence the next frame is found, as by a decoder that has heard nothing before;
+    and a frame that was read is the one that is written.
+    """
     decoder, whole = target.line.decoder(), target.line.decoder()
+    following = target.frame(data, b"")
     stream, events = b"", []
     while data.remaining_bytes():
         part = piece(data, target, b"")
@@ -64,6 +69,11 @@ def fuzz_decoder(data: Provider, target: Target) -> None:
     found = b"".join(event.raw for event in events)
     assert found == stream or found + target.skips == stream
     assert whole.receive_data(stream) + whole.silence() == events
+    for event in events:
+        if isinstance(event, FrameReceived):
+            assert type(event.frame).decode(event.frame.encode()) == event.frame
+    fresh = target.line.decoder()
+    assert decoder.receive_data(following) == fresh.receive_data(following)
 
 
 def fuzz_slave(data: Provider, target: Target) -> None:
