@@ -44,6 +44,7 @@ FLOORS = {  # package or module below multidrop -> its floor; imports point down
     **dict.fromkeys(GROUND, 0),
     "protocols": 1,
     "catalog": 2,
+    "plant": 2,
     "plantfile": 2,
     "profiles": 2,
     "io": 3,

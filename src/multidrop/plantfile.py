@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.naming import LINE_KEYS, DeviceName
+from multidrop.plant import Limits, Plant, PlantDevice, PlantPoint
 from multidrop.points import Role
 from multidrop.profile import PointDescription, Profile, nearest
 
@@ -31,73 +32,11 @@ TABLES = ("http", "history", "mqtt", "modbus", "faults")
 """What stands beside the lines: the parts of a gateway. `gateway/settings.py` reads them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What may be written over a network: physical limits, and s between two writes at least."""
-
-    minimum: float
-    maximum: float
-    rate: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class PlantPoint:
-    """A point that a plant names: how often it is read, and who else may do what with it."""
-
-    name: str
-    at: str
-    every: float = 1.0  # s between readings
-    write: Limits | None = None  # None: nobody writes it over a network
-    motion: bool = False  # writing it may move something, and is allowed to
-    role: Role | None = None  # as the plant says it; None where it leaves that to the profile
-    deadband: float = 0.0  # a smaller change is none, physical
-    longest: float | None = None  # s after which it is recorded unchanged; None: as for all
-
-
-@dataclass(frozen=True, slots=True)
-class PlantDevice:
-    """A device of a plant: its name there, how the command line would name it, its profile."""
-
-    name: str
-    line: str
-    device: DeviceName
-    profile: Profile  # with the plant's own points before its own
-    known: Profile  # the same without them
-    points: Mapping[str, PlantPoint]
-    on_fault: tuple[str, ...] = ()  # points that are read once when it trips
-    behind: str | None = None  # for simulation: what is connected behind it
-
-    @property
-    def every(self) -> dict[str, float]:
-        """Point name -> s between readings."""
-        return {name: point.every for name, point in self.points.items()}
-
-
-@dataclass(frozen=True, slots=True)
-class Plant:
-    """What a plant file says. `lines` is line name -> port, `tables` the other tables as they stand.
-
-    `wrong` is all that is wrong with the file; what could be understood is here nevertheless.
-    """
-
-    file: str
-    lines: Mapping[str, str]
-    devices: Mapping[str, PlantDevice]
-    tables: Mapping[str, Any] = field(default_factory=dict)
-    wrong: tuple[str, ...] = ()
-
-    def find(self, name: str) -> PlantDevice:
-        """The device of this name. Raises `UsageError` with the nearest one."""
-        if name not in self.devices:
-            raise UsageError(
-                f"{self.file} has no device {name!r}{nearest(name, self.devices)}; "
-                f"it has {', '.join(self.devices) or 'none'}"
-            )
-        return self.devices[name]
-
-    def on(self, line: str) -> list[PlantDevice]:
-        """The devices of a line."""
-        return [device for device in self.devices.values() if device.line == line]
+DEVICE_KEYS = ("profile", "address", "points", "behind", "on_fault")
+POINT_KEYS = (
+    *("at", "every", "unit", "scale", "role", "meaning"),
+    *("write", "motion", "deadband", "longest", "fault"),
+)
 
 
 LoadProfile = Callable[[str], Profile]
@@ -175,7 +114,7 @@ class _Reading:
         where = f"{self.file}: line.{line}.device.{name}"
         if name in self.devices:
             self.wrong.append(f"{where}: there is another device of this name")
-        self._known(entry, ("profile", "address", "points", "behind", "on_fault"), where)
+        self._known(entry, DEVICE_KEYS, where)
         address = entry.get("address")
         if not isinstance(address, int) or isinstance(address, bool):
             self.wrong.append(f"{where}.address is missing or not a whole number")
@@ -223,7 +162,7 @@ class _Reading:
                     f'{where}.{name} is neither a point nor a table with at = "POINT"'
                 )
                 continue
-            self._known(given, (*_POINT_KEYS, *_GATEWAY_KEYS), f"{where}.{name}")
+            self._known(given, POINT_KEYS, f"{where}.{name}")
             points[name], described[name] = self._point(name, given, profile, f"{where}.{name}")
         return points, described
 
@@ -361,10 +300,6 @@ class _Reading:
                     f"{device.device.address} on line {device.line}"
                 )
             seen[where] = device.name
-
-
-_POINT_KEYS = ("at", "every", "unit", "scale", "role", "meaning", "fault")
-_GATEWAY_KEYS = ("write", "motion", "deadband", "longest")
 
 
 def _is_number(value: Any) -> bool:

@@ -8,7 +8,7 @@ import pytest
 
 from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
-from multidrop.plantfile import Plant, load_plant, parse_plant
+from multidrop.plantfile import Limits, Plant, PlantPoint, load_plant, parse_plant, survey
 from multidrop.points import Role
 
 PLANT = """
@@ -87,6 +87,78 @@ def test_what_is_wrong_is_named(old: str, new: str, message: str) -> None:
     with pytest.raises(UsageError) as refused:
         plant(PLANT.replace(old, new, 1))
     assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (", max = 1500", "", "speed.write.max is missing or not a number"),
+        ("max = 1500", 'max = "1"', "speed.write.max is missing or not a number"),
+        ("max = 1500", "max = inf", "speed.write.max is missing or not a number"),
+        ("max = 1500", "max = -1", "speed.write: min 0 is above max -1"),
+        ("max = 1500", "max = 1, rate = -1", "write.rate is -1, which is not a number of 0 or"),
+        ("every = 0.5", 'motion = "yes"', "speed.motion is 'yes', which is neither true nor false"),
+        (
+            "every = 0.5",
+            "deadband = -1",
+            "speed.deadband is -1, which is not a number of 0 or more",
+        ),
+        ("every = 0.5", "longest = 0", "speed.longest is 0, which is not a number above 0"),
+        ("every = 0.5", "every = nan", "speed.every is nan, which is not a number above 0"),
+        ("every = 0.5", "fault = 0", "speed.fault is 0, which is not the bits that say a fault"),
+        ("every = 0.5", "fault = true", "speed.fault is True, which is not the bits"),
+        ("address = 0", "address = 0\non_fault = 3", "infeed.on_fault is not a list of points"),
+        ("address = 0", "address = 0\non_fault = [3]", "infeed.on_fault is not a list of points"),
+        ("address = 0", "address = true", "infeed.address is missing or not a whole number"),
+        (
+            '"8238:int16"',
+            '{ at = "address", write = { min = 0, max = 200 } }',
+            "200 is out of range",
+        ),
+    ],
+)
+def test_what_is_wrong_for_the_gateway_is_named(old: str, new: str, message: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        plant(PLANT.replace(old, new, 1))
+    assert message in str(refused.value)
+    assert str(refused.value).startswith("plant.toml: line.press.device.infeed")
+
+
+def test_all_that_is_wrong_is_said_at_once_and_the_rest_understood() -> None:
+    text = PLANT.replace("every = 0.5", "evry = 1").replace("address = 2", 'adress = "2"')
+    found = survey(text + "[htp]\n", "plant.toml", load_profile)
+    assert found.wrong == (
+        "plant.toml: unknown key 'htp' - did you mean 'http'?",
+        "plant.toml: line.press.device.infeed.points.speed: unknown key 'evry' - did you mean 'every'?",
+        "plant.toml: line.press.device.unwinder: unknown key 'adress' - did you mean 'address'?",
+        "plant.toml: line.press.device.unwinder.address is missing or not a whole number",
+    )
+    assert list(found.devices) == ["infeed"]
+    with pytest.raises(UsageError) as refused:
+        plant(text + "[htp]\n")
+    assert str(refused.value) == "\n".join(found.wrong)
+
+
+def test_what_the_gateway_is_told_of_a_point() -> None:
+    text = PLANT.replace(
+        'torque = "8238:int16"',
+        'torque = { at = "8238:int16", write = { min = -5, max = 5, rate = 2 }, motion = true, '
+        'role = "command", deadband = 0.5, longest = 60, fault = 0x10 }',
+    ).replace("address = 0", 'address = 0\non_fault = ["status_word"]')
+    infeed = plant(text).find("infeed")
+    assert infeed.points["torque"] == PlantPoint(
+        "torque", "8238:int16", 1.0, Limits(-5, 5, 2.0), True, Role.COMMAND, 0.5, 60.0
+    )
+    assert infeed.points["start"] == PlantPoint("start", "std/0x6040.0:uint16")
+    assert infeed.profile.points["torque"].fault == 0x10
+    assert infeed.on_fault == ("status_word",)
+    assert "torque" not in infeed.known.points
+
+
+def test_the_tables_of_the_gateway_are_left_to_it() -> None:
+    found = plant(PLANT + "[http]\nlisten = 1\n[faults]\n")
+    assert found.tables == {"http": {"listen": 1}, "faults": {}}
+    assert [device.name for device in found.on("press")] == ["infeed", "unwinder"]
 
 
 def test_two_lines_cannot_have_one_port() -> None:

@@ -32,5 +32,22 @@ def test_values_for_a_message() -> None:
     assert shown_value("text") == "text"
 
 
+def test_a_point_is_of_the_device_itself() -> None:
+    assert Point("8236").within == ""
+
+
+def test_a_word_says_a_fault_by_its_bits() -> None:
+    word = PointDescription("word", "0x073", fault=0x1600)
+    assert [word.says_fault(raw) for raw in (0x0200, 0x1001, 0x8100, 0)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+    assert PointDescription("alarm", "L110", fault=1).says_fault(True) is True
+    assert [word.says_fault(raw) for raw in ("text", b"\x02", 2.0)] == [None, None, None]
+    assert PointDescription("speed", "8236").says_fault(0x0200) is None
+
+
 def test_bytes_are_shown_in_hex() -> None:
     assert Point("8236").raw_text(b"\x7d\x00") == "7d00"

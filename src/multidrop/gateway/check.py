@@ -12,7 +12,7 @@ from multidrop.gateway.settings import survey_settings
 from multidrop.io.connection import Target
 from multidrop.io.polling import Plan, Wanted
 from multidrop.io.service import settings_of_line
-from multidrop.plantfile import Plant, PlantDevice
+from multidrop.plant import Plant, PlantDevice
 from multidrop.points import Role
 
 FULLEST = 0.9

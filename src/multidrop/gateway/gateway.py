@@ -26,7 +26,7 @@ from multidrop.gateway.polled import role_of
 from multidrop.gateway.settings import Settings
 from multidrop.gateway.values import Values
 from multidrop.io.audit import AuditLog, jsonable
-from multidrop.plantfile import Plant, PlantDevice
+from multidrop.plant import Plant, PlantDevice
 from multidrop.points import Reading, Value
 from multidrop.writing import Outcome, Written
 

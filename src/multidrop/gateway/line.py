@@ -13,7 +13,7 @@ from multidrop.io.audit import AuditLog
 from multidrop.io.poller import OnReading
 from multidrop.io.polling import Plan
 from multidrop.io.service import LineService, one_line, settings_of_line
-from multidrop.plantfile import PlantDevice
+from multidrop.plant import PlantDevice
 
 
 @dataclass(frozen=True, slots=True)

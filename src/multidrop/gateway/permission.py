@@ -7,7 +7,7 @@ from math import isfinite
 
 from multidrop.errors import UsageError
 from multidrop.numerals import whole_number
-from multidrop.plantfile import Limits, PlantDevice
+from multidrop.plant import Limits, PlantDevice
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
 

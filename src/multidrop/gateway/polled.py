@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from multidrop.io.connection import Target
-from multidrop.plantfile import PlantDevice
+from multidrop.plant import PlantDevice
 from multidrop.points import Role
 
 FAULT_EVERY = 1.0

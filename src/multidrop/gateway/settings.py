@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from multidrop.errors import UsageError
-from multidrop.plantfile import Plant
+from multidrop.plant import Plant
 from multidrop.profile import nearest
 
 TableT = TypeVar("TableT")

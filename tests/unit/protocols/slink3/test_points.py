@@ -180,3 +180,8 @@ def test_every_point_of_the_shipped_profiles_can_be_said(name: str) -> None:
         point = parse_point(point_name, profile, dialect)
         assert point.type is not None
         assert parse_point(description.at, profile, dialect) == point
+
+
+def test_who_answers_behind_a_destination() -> None:
+    assert parse_point("dgfc/511", EMPTY, FLEXMAX).within == "dest2"
+    assert parse_point("8236", EMPTY, FLEXMAX).within == ""

@@ -339,3 +339,9 @@ def test_the_broadcast_address_is_an_option() -> None:
 def test_a_write_has_its_record() -> None:
     prepared = DRIVE.prepare_write("kp", 5)
     assert prepared == Write(DRIVE.point("kp"), 5, False)
+
+
+def test_the_broadcast_address_is_nobodys() -> None:
+    with pytest.raises(UsageError, match="address 7 is the broadcast address of the line"):
+        device(7, PROFILE, {"broadcast": "7"})
+    assert device(8, PROFILE, {"broadcast": "7"}).address == 8
