@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json as json_module
 import sys
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ import click
 
 from multidrop.catalog import CONFIG
 from multidrop.cli.listening import find_plant, protocol_name
+from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import UsageError
 from multidrop.io.connection import Target
 from multidrop.naming import LINE_KEYS, LineOptions, parse_port
@@ -29,7 +31,6 @@ from multidrop.tools.scan_plan import parse_addresses
 from multidrop.tools.verdicts import Verdict, status_of
 
 if TYPE_CHECKING:
-    from multidrop.io.line import Tap
     from multidrop.tools.doctor import Case
 
 SECONDS, LISTEN_SECONDS = 2.0, 10.0
@@ -58,6 +59,9 @@ def _line_options(command: Any) -> Any:
 @click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}")
 @click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
 @click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")
+@click.option(
+    "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
+)
 @_line_options
 def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Say why a line fails, with the bytes that prove it. Only reads are sent.
@@ -76,13 +80,14 @@ def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **
         raise UsageError(f"times={given['times']} is out of range: 1..10000")
     if file is not None:
         _check_writable(file)
-    with _progress(quiet=trace) as tell:
+    taps = RoundTaps(plan.port, trace=trace, capture=given["capture"])
+    with contextlib.closing(taps), _progress(quiet=trace) as tell:
         case = Examination(
             *(plan.port, plan.options, plan.visits),
             seconds=seconds,
             listen_only=given["listen_only"],
             times=given["times"],
-            watch=_traces(trace),
+            watch=taps,
             tell=tell,
         ).run()
         verdicts = judge(case)
@@ -175,21 +180,6 @@ def _of_devices(targets: list[Target], given: dict[str, Any]) -> _Plan:
 
 
 # -- while it goes on ------------------------------------------------------------------------
-
-
-def _traces(trace: bool) -> Callable[[Visit], list[Tap]]:
-    if not trace:
-        return lambda visit: []
-    from multidrop.cli.trace import Trace
-
-    context = click.get_current_context()
-
-    def watch(visit: Visit) -> list[Tap]:
-        tap = Trace(visit.protocol, visit.settings.decoder, sys.stderr)
-        context.call_on_close(tap.finish)
-        return [tap]
-
-    return watch
 
 
 @contextmanager

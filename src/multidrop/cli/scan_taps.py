@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import sys
+from typing import Protocol
 
 from multidrop.cli.capturing import warn_if_incomplete
 from multidrop.cli.trace import Trace
+from multidrop.device import ProtocolModule
 from multidrop.io.capture import CaptureTap, CaptureWriter
 from multidrop.io.line import Tap
-from multidrop.tools.scan_plan import Round
+from multidrop.timing import LineSettings
+
+
+class OneSetting(Protocol):
+    """A protocol at one setting of a port: a round of a scan, a visit of a doctor."""
+
+    @property
+    def module(self) -> ProtocolModule: ...
+    @property
+    def settings(self) -> LineSettings: ...
 
 
 class RoundTaps:
@@ -22,7 +33,7 @@ class RoundTaps:
         self._writer = CaptureWriter.create(capture) if capture else None
         self._open: list[Trace | CaptureTap] = []
 
-    def __call__(self, round: Round) -> list[Tap]:
+    def __call__(self, round: OneSetting) -> list[Tap]:
         self._finish()
         module, settings = round.module, round.settings
         if self._trace:

@@ -93,6 +93,7 @@ def examine(
     decoder = settings.decoder()
     at = 0
     for event in (*decoder.receive_data(stretch.data), *decoder.silence()):
+        at = max(at, stretch.data.find(event.raw, at))  # a decoder may skip a byte without a word
         until = at + len(event.raw)
         if isinstance(event, Damaged):
             found.broken.append(stretch.broken(event, at, until))

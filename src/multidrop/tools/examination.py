@@ -32,7 +32,7 @@ MOST_BAUDS, MOST_FORMATS = 10, 2
 class Visit:
     """A protocol at one setting, and whom to ask there."""
 
-    protocol: ProtocolModule
+    module: ProtocolModule
     settings: LineSettings
     addresses: tuple[int, ...]
 
@@ -41,7 +41,7 @@ class Visit:
         return Setting(self.settings.baud, self.settings.format)
 
     def __str__(self) -> str:
-        return f"{self.protocol.name} {self.setting}"
+        return f"{self.module.name} {self.setting}"
 
 
 class Examination:
@@ -71,6 +71,8 @@ class Examination:
         self._open_port = open_port
         self._port: Port | None = None
         self._opened: Setting | None = None
+        self._visited: Visit | None = None
+        self._taps: list[Tap] = []
         self._latency_ms = None if "://" in port else latency_of(port)
 
     def run(self) -> Case:
@@ -127,7 +129,7 @@ class Examination:
 
     def _listen(self, visit: Visit, seconds: float) -> tuple[Piece, ...]:
         """What comes within so many seconds; of one who only listens, until Ctrl-C too."""
-        port, taps = self._open(visit), self._watch(visit)
+        port, taps = self._open(visit)
         heard: list[Piece] = []
         until = port.now() + seconds
         try:
@@ -153,9 +155,9 @@ class Examination:
                 return
 
     def _ask(self, visit: Visit) -> Asking:
-        port, taps = self._open(visit), self._watch(visit)
+        port, taps = self._open(visit)
         asking = Asking(
-            *(visit.protocol, visit.settings, visit.addresses),
+            *(visit.module, visit.settings, visit.addresses),
             network=port.network,
             times=self._times,
         )
@@ -180,13 +182,13 @@ class Examination:
     def _evidence(self, visit: Visit, heard: tuple[Piece, ...], seconds: float) -> Evidence:
         assert self._port is not None
         return Evidence(
-            *(self._url, visit.protocol, visit.settings, self._port.network, seconds),
+            *(self._url, visit.module, visit.settings, self._port.network, seconds),
             heard=heard,
             latency_ms=self._latency_ms,
         )
 
-    def _open(self, visit: Visit) -> Port:
-        """The port at a visit's setting; it stays open as long as that stays the same."""
+    def _open(self, visit: Visit) -> tuple[Port, list[Tap]]:
+        """The port at a visit's setting, which stays open as long as that stays the same; its taps."""
         if self._port is None or (
             visit.setting != self._opened and not self._url.startswith(FIXED)
         ):
@@ -195,7 +197,9 @@ class Examination:
                 self._port = None
             self._port = self._open_port(self._url, PortSetup(visit.settings, self._options))
         self._opened = visit.setting
-        return self._port
+        if visit is not self._visited:
+            self._visited, self._taps = visit, self._watch(visit)
+        return self._port, self._taps
 
 
 def _read(port: Port, timeout: float, taps: list[Tap]) -> list[Piece]:

@@ -202,11 +202,12 @@ class _Traffic:
 
     def unanswered(self) -> Iterator[Verdict]:
         asked, lost = Counter[int](), Counter[int]()
-        for item in self.transactions:
+        heard = self.transactions
+        if heard and _unanswered(heard[-1]):
+            heard = heard[:-1]  # its answer may have come when nobody listened any more
+        for item in heard:
             asked[item.address] += 1
             lost[item.address] += _unanswered(item)
-        if self.transactions and _unanswered(last := self.transactions[-1]):
-            lost[last.address] -= 1  # its answer may have come when nobody listened any more
         for address, count in sorted(lost.items()):
             if count:
                 yield Verdict(

@@ -50,6 +50,15 @@ def test_the_version(command_line: CommandLine) -> None:
         (("read", f"flexmax:0@{PORT}", "8236", "--every", "soon"), "not a valid float"),
         (("read", f"flexmax:0@{PORT}", "8236", "--every", "-1"), "not in the range"),
         (("read", f"flexmax:0@{PORT}", "8236", "--yes=1"), "does not take a value"),
+        (("doctor",), "Missing argument"),
+        (("doctor", PORT, "--protocol", "modbus"), "there is no protocol 'modbus'"),
+        (("doctor", PORT, "--addresses", "200"), "none of these addresses exists"),
+        (("doctor", PORT, "--seconds", "-1"), "seconds=-1 is out of range: 0..86400"),
+        (("doctor", PORT, "--times", "0"), "times=0 is out of range: 1..10000"),
+        (("doctor", PORT, "/dev/other"), "one port at a time"),
+        (("doctor", f"{PORT},settle=x,bad=1"), "unknown key 'bad'"),
+        (("doctor", f"flexmax:0@{PORT}", "flexmax:1@/dev/x"), "is not on the line of"),
+        (("doctor", f"flexmax:0@{PORT}", "--protocol", "datalink"), "speaks slink3, not datalink"),
     ],
 )
 def test_commands_and_options(
