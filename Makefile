@@ -10,7 +10,7 @@ PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wi
 WORLD := tests/integration tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
-.PHONY: demo test check tshark soak bench fuzz docs clean
+.PHONY: demo test check tshark mbpoll soak bench fuzz docs clean
 
 demo: .venv/gateway
 	@$(BIN)/multidrop demo
@@ -29,12 +29,12 @@ check: .venv/dev
 	$(BIN)/mypy
 	$(BIN)/python docs/generate.py --check
 
-# What the tests of the Wireshark dissector need; without it they are skipped and say so.
-tshark:
-	@command -v tshark >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null; } || \
-	    { echo "tshark is missing; on Debian and Ubuntu: sudo make tshark" >&2; exit 1; }
-	@command -v tshark >/dev/null || { apt-get -qq update && \
-	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends tshark; }
+# Programs that some tests need; without them those are skipped and say so.
+tshark mbpoll:
+	@command -v $@ >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null; } || \
+	    { echo "$@ is missing; on Debian and Ubuntu: sudo make $@" >&2; exit 1; }
+	@command -v $@ >/dev/null || { apt-get -qq update && \
+	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $@; }
 
 # Properties with 100,000 generated cases each, and 10,000 transactions on every kind of faulty wire: hours.
 soak: .venv/dev

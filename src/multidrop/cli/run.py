@@ -13,6 +13,7 @@ from typing import Any
 import click
 
 from multidrop.cli.failures import failure
+from multidrop.cli.registers import print_registers
 from multidrop.errors import UsageError
 from multidrop.gateway.check import Checked
 from multidrop.gateway.check import check as check_plant
@@ -28,13 +29,17 @@ from multidrop.io.audit import jsonable
 @click.command(epilog="Example: multidrop check, or multidrop check /etc/multidrop/multidrop.toml")
 @click.argument("file", required=False, metavar="[FILE]")
 @click.option("--json", is_flag=True, help="JSON Lines on standard output")
-def check(file: str | None, json: bool) -> None:
+@click.option("--registers", is_flag=True, help="the register map of [modbus] instead of the lines")
+def check(file: str | None, json: bool, registers: bool) -> None:
     """Find what is wrong with a plant file, all of it, before anything is opened.
 
     Prints how full the polls make each line.
     """
-    checked = check_plant(read(plant_path(file)))
-    if json:
+    plant = read(plant_path(file))
+    checked = check_plant(plant)
+    if registers and not checked.wrong:
+        print_registers(plant, json=json)
+    elif json:
         _print_json(checked)
     elif checked.lines:
         _print_table(checked)

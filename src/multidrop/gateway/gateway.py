@@ -216,17 +216,28 @@ class Gateway:
             service = self.line_of(device).service
             return await service.write(device, point, value, audit=log)
         except Error as error:
-            if not log.lines:  # nothing was sent
-                known = self.plant.devices.get(device)
-                with contextlib.suppress(OSError):
-                    log.append(
-                        str(known.device) if known else device,
-                        point,
-                        asked=jsonable(value),
-                        outcome=Outcome.NOT_SENT.value,
-                        error=str(error),
-                    )
+            if not log.lines:
+                self._not_sent(log, device, point, value, str(error))
             raise
+
+    def refuse(
+        self, device: str, point: str, value: Value | str, why: str, *, who: str, origin: str
+    ) -> None:
+        """Log a write that a part refuses before it comes this far."""
+        self._not_sent(self.audit.of(who, origin), device, point, value, why)
+
+    def _not_sent(
+        self, log: AuditLog, device: str, point: str, value: Value | str, why: str
+    ) -> None:
+        known = self.plant.devices.get(device)
+        with contextlib.suppress(OSError):
+            log.append(
+                str(known.device) if known else device,
+                point,
+                asked=jsonable(value),
+                outcome=Outcome.NOT_SENT.value,
+                error=why,
+            )
 
     def _written(self, writing: asyncio.Task[Written]) -> None:
         self._writing.discard(writing)

@@ -11,6 +11,7 @@ from multidrop.gateway.settings import CLASSES
 PARTS: dict[str, str] = {
     "faults": "multidrop.gateway.faults",
     "http": "multidrop.gateway.web",
+    "modbus": "multidrop.gateway.modbus",
 }
 """Table -> module with `part(gateway) -> Part`, in the order in which they are started. Imported when needed."""
 

@@ -71,6 +71,7 @@ class ModbusSettings:
 
     listen: str = entry("HOST:PORT where it listens", "127.0.0.1:5020")
     writes: bool = entry("whether points may be written by Modbus", False)
+    map: str = entry("file of the register map; what stands there is never moved", "registers.csv")
 
 
 @dataclass(frozen=True, slots=True)
