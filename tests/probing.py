@@ -23,3 +23,27 @@ def identified(
             step = conversation.send(answer(step.frame))
     except StopIteration as stop:
         return stop.value, asked
+
+
+def ran(
+    conversation: Conversation[Any, Any], answer: Callable[[Any], Any]
+) -> tuple[Any, list[Any]]:
+    """What a conversation of reads returns to these answers, and the frames that it asked.
+
+    An answer that is an exception is thrown into it.
+    """
+    asked = []
+    try:
+        step = next(conversation)
+        while True:
+            assert isinstance(step, Ask)
+            assert step.repeatable
+            asked.append(step.frame)
+            found = answer(step.frame)
+            step = (
+                conversation.throw(found)
+                if isinstance(found, Exception)
+                else conversation.send(found)
+            )
+    except StopIteration as stop:
+        return stop.value, asked

@@ -35,6 +35,7 @@ GROUND = {
     "probing",
     "profile",
     "relay",
+    "sweeping",
     "session",
     "timing",
     "transaction",

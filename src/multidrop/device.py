@@ -17,6 +17,7 @@ from multidrop.points import Point, Sample, Value
 from multidrop.probing import Prober
 from multidrop.profile import Profile
 from multidrop.relay import Relay
+from multidrop.sweeping import Sweep
 from multidrop.timing import LineSettings
 from multidrop.transaction import Meaning
 from multidrop.writing import Written
@@ -253,6 +254,15 @@ class ProtocolModule(Protocol):
 
         Nothing that a decoder yields makes it raise. Raises `UsageError` for a
         profile that says what the protocol cannot.
+        """
+        ...
+
+    def sweep(
+        self, address: int, profile: Profile, options: Mapping[str, str], text: str | None
+    ) -> Sweep:
+        """How a discovery finds the points of a device: where `text` says, else everywhere.
+
+        Raises `UsageError` with the grammar of ranges.
         """
         ...
 

@@ -32,6 +32,7 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "backup": ("passports", "Every readable point of a device into a passport, a text file."),
     "diff": ("passports", "What two passports, or a passport and a device, do not agree on."),
     "restore": ("restore", "A passport's settings onto a device: first the plan, then the proof."),
+    "discover": ("discover", "Which points a device has, found out with reads, as a profile."),
     "raw": ("services", "Send one command body as is."),
     "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
     "doctor": ("doctor", "Why a line fails, with the bytes that prove it."),

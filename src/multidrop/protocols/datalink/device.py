@@ -86,8 +86,12 @@ class DatalinkDevice:
         return [Sizes(OVERHEAD, OVERHEAD + count) for _, count in messages]
 
     def _check_map(self, points: Iterable[DataPoint]) -> Conversation[Frame, None]:
-        """Before the first use of the map: does the instrument have it?"""
-        if self._map_found or not any(point.mapped for point in points):
+        if any(point.mapped for point in points):
+            yield from self.check_map()
+
+    def check_map(self) -> Conversation[Frame, None]:
+        """Before the first use of the map: does the instrument have it? Raises `ProtocolError`."""
+        if self._map_found:
             return
         where = f"the memory map identifier at {MAP_IDENTIFIER_AT:04X}h"
         try:

@@ -16,6 +16,7 @@ from multidrop.protocols.datalink.explain import continues, explain
 from multidrop.protocols.datalink.frame import Command, Frame, decoder
 from multidrop.protocols.datalink.probe import DatalinkProber
 from multidrop.protocols.datalink.relay import DatalinkRelay
+from multidrop.protocols.datalink.sweep import sweep
 from multidrop.timing import LineSettings
 
 
@@ -34,6 +35,7 @@ class Datalink:
     describe = staticmethod(describe)
     continues = staticmethod(continues)
     explain = staticmethod(explain)
+    sweep = staticmethod(sweep)
 
     @staticmethod
     def shown(raw: bytes) -> str:

@@ -82,7 +82,7 @@ def _from_numbers(found: re.Match[str], text: str, dialect: Dialect) -> Paramete
         type_code = _type(type_text, None, text)
         return _point(index, subindex or 0, 0, True, type_code, dialect)
     destination = _destination(where, dialect, text)
-    there = _dialect_there(dialect, destination)
+    there = dialect_at(dialect, destination)
     if subindex is not None and there is not None and not there.subindex:
         raise UsageError(f"{text!r}: {there.name} has no subindex")
     return _point(index, subindex, destination, False, _type(type_text, there, text), dialect)
@@ -105,7 +105,7 @@ def _destination(where: str | None, dialect: Dialect, text: str) -> int:
     return int(numbered[1])
 
 
-def _dialect_there(dialect: Dialect, destination: int) -> Dialect | None:
+def dialect_at(dialect: Dialect, destination: int) -> Dialect | None:
     """The dialect at a destination; None where nobody knows what is there."""
     if destination == 0:
         return dialect
@@ -201,7 +201,7 @@ def _from_name(
     description = profile.find(name)
     if description is not None:
         known = _location(description, dialect)
-        there = None if known.standard else _dialect_there(dialect, known.destination)
+        there = None if known.standard else dialect_at(dialect, known.destination)
         typed = replace(known, type_code=_type(type_text, there, name)) if type_text else known
         return _with_description(typed, known, description)
     for prefix, offset in profile.inferred.items():

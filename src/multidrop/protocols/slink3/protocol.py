@@ -13,6 +13,7 @@ from multidrop.protocols.slink3.explain import continues, explain
 from multidrop.protocols.slink3.frame import Frame, decoder
 from multidrop.protocols.slink3.probe import Slink3Prober
 from multidrop.protocols.slink3.relay import Slink3Relay
+from multidrop.protocols.slink3.sweep import sweep
 from multidrop.timing import LineSettings
 
 
@@ -30,6 +31,7 @@ class Slink3:
     describe = staticmethod(describe)
     continues = staticmethod(continues)
     explain = staticmethod(explain)
+    sweep = staticmethod(sweep)
     prepare_broadcast = staticmethod(prepare_broadcast)
 
     @staticmethod

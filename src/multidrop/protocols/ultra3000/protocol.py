@@ -12,6 +12,7 @@ from multidrop.protocols.ultra3000.explain import continues, explain
 from multidrop.protocols.ultra3000.frame import decoder
 from multidrop.protocols.ultra3000.probe import Ultra3000Prober
 from multidrop.protocols.ultra3000.relay import Ultra3000Relay
+from multidrop.protocols.ultra3000.sweep import sweep
 from multidrop.timing import LineSettings
 
 
@@ -27,6 +28,7 @@ class Ultra3000:
     describe = staticmethod(describe)
     continues = staticmethod(continues)
     explain = staticmethod(explain)
+    sweep = staticmethod(sweep)
     from_master = staticmethod(from_master)
     shown = staticmethod(shown)
     prepare_broadcast = staticmethod(prepare_broadcast)

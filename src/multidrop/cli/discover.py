@@ -1,0 +1,134 @@
+"""`multidrop discover`."""
+
+from __future__ import annotations
+
+import json as json_module
+import sys
+from collections import Counter
+from pathlib import Path
+
+import click
+
+from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.options import Common, common
+from multidrop.errors import Error, UsageError
+from multidrop.io.connection import Connection
+from multidrop.points import PointDescription
+from multidrop.tools.discover import Discovery
+from multidrop.tools.discovery_state import State
+from multidrop.tools.profile_text import toml_text
+from multidrop.tools.text_file import check_place, write_whole
+
+
+@click.command(
+    epilog="Example: multidrop discover flexmax:0@/dev/ttyUSB0 8000..9999 -o press.toml; "
+    "multidrop discover ax-v:2 --from line.pcapng -o winder.toml"
+)
+@click.argument("device")
+@click.argument("where", metavar="[RANGE]", required=False)
+@click.option("-o", "--output", required=True, metavar="NAME.toml", help="the profile")
+@click.option("--resume", is_flag=True, help="go on where an earlier call was interrupted")
+@common(force="replace NAME.toml, and begin anew where an earlier call was interrupted")
+def discover(common: Common, device: str, where: str | None, output: str, resume: bool) -> int:
+    """Find out which points DEVICE has, by reading; the result is a profile.
+
+    RANGE is FIRST..LAST of indices (slink3), 0xFIRST..0xLAST of parameters
+    (ultra3000) or addresses of memory (datalink); everything without it.
+    """
+    path = Path(output)
+    if path.suffix != ".toml":
+        raise UsageError(f"{output}: a profile's file ends in .toml")
+    check_place(path, force=common.force)
+    target = common.target(device)
+    head = {"device": str(target.name), "profile": target.profile.name, "range": where}
+    unfinished = path.with_name(f"{path.name}.unfinished")
+    if common.force and not resume:
+        unfinished.unlink(missing_ok=True)
+    with common.connect(target) as connection, State(unfinished, head, resume=resume) as state:
+        try:
+            run = Discovery(connection, where, found=state.found, note=state.add)
+            _run(common, run)
+        except (KeyboardInterrupt, Error) as why:
+            return _broken_off(state, why)
+        write_whole(toml_text(run.profile(path.stem), _comment(connection)), path)
+        state.remove()
+        _report(common, run, path)
+    return 0
+
+
+def _comment(connection: Connection) -> str:
+    return f"Found out with reads: multidrop discover {connection.name}"
+
+
+def _run(common: Common, run: Discovery) -> None:
+    places = run.sweep.places
+    seconds = run.estimate()
+    left = len(run.left)
+    if common.json:
+        line = {"v": 1, "device": run.connection.name, "places": len(places), "left": left}
+        click.echo(json_module.dumps({**line, "seconds": round(seconds, 1)}))
+        sys.stdout.flush()
+    else:
+        first, last = run.sweep.where(places[0]), run.sweep.where(places[-1])
+        click.echo(
+            f"{len(places):,} {run.sweep.what}, {first} to {last}: "
+            + (f"about {duration(seconds)} for the {left:,} that are left" if left else "done"),
+            err=True,
+        )
+    with click.progressbar(
+        run.run(), length=left, label="reading", file=sys.stderr, hidden=not sys.stderr.isatty()
+    ) as bar:
+        for _ in bar:
+            pass
+
+
+def duration(seconds: float) -> str:
+    """`54 s`, `3 min 20 s`, `2 h 5 min`."""
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s" if whole >= 10 else f"{seconds:.1f} s"
+    if whole < 7200:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def _broken_off(state: State, why: KeyboardInterrupt | Error) -> int:
+    """Says how to go on; what was found so far is kept, unless it is nothing."""
+    if not state.found:
+        state.remove()
+        raise why
+    click.echo(
+        f"{len(state.found):,} places are kept in {state.path}; the same command with --resume goes on",
+        err=True,
+    )
+    if isinstance(why, Error):
+        raise why
+    return INTERRUPTED
+
+
+def _report(common: Common, run: Discovery, path: Path) -> None:
+    summary = run.summary()
+    if common.json:
+        line = {"v": 1, "device": run.connection.name, "file": str(path), "looked": summary.looked}
+        more = {"found": summary.found, "known": summary.known, "unanswered": summary.unanswered}
+        click.echo(json_module.dumps({**line, **more}, ensure_ascii=False))
+        return
+    types = Counter(_type_of(run, point) for point in run.points)
+    parts = ", ".join(f"{count} {name}" for name, count in types.most_common())
+    click.echo(f"{path}: {summary.found} points found" + (f": {parts}" if parts else ""))
+    if summary.known:
+        known = "all" if summary.known == summary.found else f"{summary.known}"
+        click.echo(f"{known} of them are in {run.sweep.profile.name}")
+    for place in summary.unanswered[:10]:
+        click.echo(f"nothing is known of {place}", err=True)
+    if len(summary.unanswered) > 10:
+        click.echo(f"and of {len(summary.unanswered) - 10} more", err=True)
+
+
+def _type_of(run: Discovery, point: PointDescription) -> str:
+    return (
+        point.type
+        or point.at.partition(":")[2]
+        or run.connection.device.point(point.at).type
+        or "without a type"
+    )

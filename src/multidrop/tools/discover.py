@@ -1,0 +1,238 @@
+"""Discovery: which points a device has, found out with reads alone, as a profile.
+
+::
+
+    with multidrop.connect("flexmax:0@/dev/ttyUSB0") as drive:
+        run = Discovery(drive, "8000..9999")
+        print(run.estimate())       # s; looks at some of them, which counts
+        for place in run.run():
+            ...
+        run.profile("press")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from statistics import median
+from typing import Any
+
+from multidrop.conversation import Conversation
+from multidrop.errors import DeviceError, Error, NoReply, PortError, ProtocolError
+from multidrop.io.connection import Connection
+from multidrop.points import PointDescription
+from multidrop.profile import Profile
+from multidrop.sweeping import Sweep
+
+PROBES = 64
+"""Places, evenly spread, that are looked at first; the time for the others follows from them."""
+GONE = 3
+"""So many places in a row without a reply: then one that answered is asked, to see who is silent."""
+
+Note = Callable[[int, list[PointDescription]], None]
+
+
+class Meter:
+    """A tap that measures messages: their characters, and what they take beyond these."""
+
+    def __init__(self, character: float) -> None:
+        self._character = character
+        self._started: float | None = None
+        self._heard = 0.0
+        self._size = 0
+        self.messages = 0
+        self.characters = 0
+        self.answers: list[float] = []  # s from the end of a question to the begin of its answer
+        self.rests: list[float] = []  # s from an answer to the next question
+
+    def __call__(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
+        self.characters += len(data)
+        if not sent:
+            self._heard = now
+            self._size += len(data)
+            return
+        self._close(now)
+        self.messages += 1
+        self._started, self._heard, self._size = now, 0.0, len(data)
+
+    def _close(self, now: float) -> None:
+        if self._started is not None and self._heard:
+            took = self._heard - self._started
+            self.answers.append(took - self._size * self._character)
+            self.rests.append(now - self._heard)
+
+    def seconds(self, share: float) -> float:
+        """Of `share` times as many messages as were measured."""
+        if not self.answers:
+            return 0.0
+        each = median(self.answers) + median(self.rests)
+        return share * (self.messages * each + self.characters * self._character)
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What became of a discovery."""
+
+    looked: int
+    found: int
+    known: int  # of those found, by the profile that was there before
+    unanswered: tuple[str, ...]  # places of which nothing is known
+
+
+class Discovery:
+    """A discovery on its way. `found` are the points so far, by place."""
+
+    def __init__(
+        self,
+        connection: Connection,
+        where: str | None = None,
+        *,
+        found: dict[int, list[PointDescription]] | None = None,
+        note: Note | None = None,
+    ) -> None:
+        """Of the places that `where` names; `found` from one before is left alone.
+
+        `note` is called for each place that was looked at. Raises `UsageError`
+        with the protocol's grammar of ranges.
+        """
+        target = connection.target
+        assert target.name.address is not None
+        self.connection = connection
+        self.sweep: Sweep = target.protocol.sweep(
+            target.name.address, target.profile, target.options.own, where
+        )
+        self.found = dict(found or {})
+        self.failed: dict[int, Error] = {}
+        self._note = note or (lambda place, points: None)
+        self._begun = False
+        self._silent = 0
+        self._witness: int | None = None
+
+    @property
+    def left(self) -> list[int]:
+        """Places that were not looked at."""
+        return [place for place in self.sweep.places if place not in self.found]
+
+    # -- looking ---------------------------------------------------------------------------
+
+    def estimate(self) -> float:
+        """s that the rest will take, worked out from some of it, which is looked at for that.
+
+        Raises as `run`.
+        """
+        self._begin()
+        left = self.left
+        step = -(-len(left) // PROBES) or 1
+        meter = Meter(self.connection.target.settings.character)
+        taps = self.connection.line.taps
+        taps.append(meter)
+        probes = left[step // 2 :: step]
+        try:
+            for place in probes:
+                self._look(place)
+        finally:
+            taps.remove(meter)
+        return meter.seconds((len(left) - len(probes)) / len(probes)) if probes else 0.0
+
+    def run(self) -> Iterator[int]:
+        """Look at all that is left; gives each place when it is known.
+
+        Raises `PortError` when the port is lost, `NoReply` when the device has
+        gone, and the first error where nothing else came.
+        """
+        self._begin()
+        for again in (False, True):  # what a bad moment of the line hid is tried once more
+            for place in self.left:
+                if not again and place in self.failed:
+                    continue
+                self._look(place)
+                yield place
+
+    def _begin(self) -> None:
+        if not self._begun:
+            self._ask(self.sweep.begin())
+            self._begun = True
+
+    def _look(self, place: int) -> None:
+        try:
+            discovered = self._ask(self.sweep.look(place))
+        except PortError:
+            raise
+        except (NoReply, ProtocolError, DeviceError) as error:
+            self.failed[place] = error
+            self._note_failure(error)
+            return
+        self._silent = 0
+        self._witness = place
+        points = [item.description for item in discovered]
+        self.failed.pop(place, None)
+        self.found[place] = points
+        self._note(place, points)
+
+    def _note_failure(self, error: Error) -> None:
+        """Silence may be how a device says that nothing is there; one that says nothing has gone."""
+        if not isinstance(error, NoReply):
+            if self._witness is None and len(self.failed) == PROBES:
+                raise error
+            return
+        self._silent += 1
+        if self._witness is None:
+            raise error
+        if self._silent % GONE == 0:
+            self._ask(self.sweep.look(self._witness))
+
+    def _ask(self, conversation: Conversation[Any, Any]) -> Any:
+        return self.connection.line.run(conversation)
+
+    # -- the result ------------------------------------------------------------------------
+
+    @property
+    def points(self) -> Sequence[PointDescription]:
+        """The points found, by their places."""
+        return [point for place in sorted(self.found) for point in self.found[place]]
+
+    def summary(self) -> Summary:
+        known = self.sweep.profile.points
+        points = self.points
+        return Summary(
+            looked=len(self.found),
+            found=len(points),
+            known=sum(point.name in known for point in points),
+            unanswered=tuple(self.sweep.where(place) for place in sorted(self.failed)),
+        )
+
+    def profile(self, name: str) -> Profile:
+        """What was found, and what was known before of other places."""
+        before = self.sweep.profile
+        elsewhere = [item for item in before.points.values() if not self.sweep.covers(item)]
+        places = self.sweep.places
+        first, last = self.sweep.where(places[0]), self.sweep.where(places[-1])
+        return replace(
+            before,
+            name=name,
+            title=f"{before.title or before.name}, as one was found",
+            notes=f"{first} to {last} of {self.connection.name}, discovered {datetime.now(UTC):%Y-%m-%d}",
+            version="",
+            points=named([*elsewhere, *self.points]),
+        )
+
+
+def named(points: Sequence[PointDescription]) -> dict[str, PointDescription]:
+    """Points by their names; of two of one name the second gets a number behind it."""
+    found: dict[str, PointDescription] = {}
+    for point in points:
+        name, number = point.name, 1
+        while name in found:
+            number += 1
+            name = f"{point.name}_{number}"
+        found[name] = point if name == point.name else replace(point, name=name)
+    return found
+
+
+def discover(connection: Connection, where: str | None = None, *, name: str = "found") -> Profile:
+    """The points of a device as a profile, at once. Raises as `Discovery` does."""
+    run = Discovery(connection, where)
+    for _ in run.run():
+        pass
+    return run.profile(name)
