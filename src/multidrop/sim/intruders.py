@@ -12,7 +12,8 @@ from multidrop.sim.misread import Setting, misread
 class OtherMaster:
     """A line on which another master speaks too: `said` in turn, one every `every` s from `first` on.
 
-    Whatever it hears from the devices of the line, this side hears as well.
+    What it says is heard at once, and takes its time only on the way to the devices of
+    the line. Whatever it hears from them, this side hears as well.
     """
 
     def __init__(

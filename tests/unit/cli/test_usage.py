@@ -52,7 +52,10 @@ def test_the_version(command_line: CommandLine) -> None:
         (("read", f"flexmax:0@{PORT}", "8236", "--yes=1"), "does not take a value"),
         (("doctor",), "Missing argument"),
         (("doctor", PORT, "--protocol", "modbus"), "there is no protocol 'modbus'"),
-        (("doctor", PORT, "--addresses", "200"), "none of these addresses exists"),
+        (
+            ("doctor", PORT, "--protocol", "datalink", "--addresses", "40"),
+            "none of these addresses",
+        ),
         (("doctor", PORT, "--seconds", "-1"), "seconds=-1 is out of range: 0..86400"),
         (("doctor", PORT, "--times", "0"), "times=0 is out of range: 1..10000"),
         (("doctor", PORT, "/dev/other"), "one port at a time"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from multidrop.io.memory import FOREVER, MemoryPort
 from multidrop.io.ports import PortSetup
@@ -11,7 +13,9 @@ from multidrop.protocols.slink3 import FLEXMAX, Master
 from multidrop.sim.intruders import OtherMaster, OtherSetting
 from multidrop.sim.misread import Setting
 from multidrop.timing import Format
-from multidrop.tools.doctor import judge
+from multidrop.tools.doctor import Case, judge
+from multidrop.tools.evidence import Asked, Evidence, Piece
+from multidrop.tools.report import report
 from multidrop.tools.verdicts import Sure, What, status_of
 from unit.tools.examined import Fault, Ports, examined, line, note, on, verdict
 
@@ -361,6 +365,78 @@ def test_an_acknowledge_that_comes_late() -> None:
     assert "1 of 1 changes were acknowledged late, up to" in found.text
     assert len(found.proof) == 3
     assert datalink.name == "datalink"
+
+
+def test_late_answers_of_others() -> None:
+    """Behind the longest time of its protocol an answer is none any more."""
+    ports = heard_with(Fault.LATE_ANSWER, None, None, late=1.6)
+    verdict(examined(ports, seconds=16.0, listen_only=True), What.SILENT)
+    ports = heard_with(Fault.LATE_ANSWER, None, None, late=0.3)
+    case = examined(ports, seconds=16.0, listen_only=True, timeout=0.2)
+    late = verdict(case, What.LATE)
+    assert late.text == "address 0 answered 1 times after more than 200 ms"
+    assert "answered after 312 ms" in late.proof[0]
+
+
+def test_parity_errors_of_others() -> None:
+    def at(setting: Setting) -> Flipping:
+        busy = OtherMaster(line(DRIVE).attach(), requests(0), 0.1)
+        return Flipping(busy, 40)
+
+    case = examined(Ports(at, marks=True), seconds=2.0, listen_only=True)
+    assert "with a parity or framing error" in verdict(case, What.PARITY).text
+
+
+def test_others_in_another_format() -> None:
+    sent = Setting(9600, Format(8, "N", 1))
+
+    def at(setting: Setting) -> OtherSetting:
+        busy = OtherMaster(line(DRIVE).attach(), requests(0), 0.1)
+        return OtherSetting(busy, sent, setting, marks=True)
+
+    case = examined(Ports(at, marks=True), seconds=1.0, listen_only=True)
+    found = [item for item in judge(case) if item.what is What.SETTINGS]
+    assert "the line has another format than 8E1" in found[0].text
+
+
+# -- whatever comes ------------------------------------------------------------------------------
+
+BYTES = st.one_of(
+    st.binary(max_size=12),
+    st.sampled_from([*requests(0, 2), bytes.fromhex("01 00 00 0A 01 00 00 40 02 49")]),
+    st.sampled_from([bytes.fromhex("7E E3 01 02 80 66"), bytes.fromhex("7E 23 01 02 80 06 AC")]),
+    st.just(b":000000DD\r\n"),
+)
+
+
+@st.composite
+def heard_pieces(draw: st.DrawFn) -> tuple[Piece, ...]:
+    now = 0.0
+    pieces = []
+    for data in draw(st.lists(BYTES, max_size=8)):
+        now += draw(st.floats(0.0, 2.0))
+        pieces.append(Piece(data, now, draw(st.booleans())))
+    return tuple(piece for piece in pieces if piece.data)
+
+
+@given(st.data(), st.sampled_from(sorted(PROTOCOLS)), st.booleans(), st.booleans())
+def test_there_is_always_a_verdict(
+    data: st.DataObject, name: str, network: bool, listen_only: bool
+) -> None:
+    module = PROTOCOLS[name]
+    asked = []
+    for number in range(data.draw(st.integers(0, 4))):
+        frame = module.prober.probe(number % 2).numbered(number)
+        pieces = data.draw(heard_pieces())
+        asked.append(Asked(frame, frame.encode(), 0.0, 0.01, pieces, data.draw(st.booleans())))
+    heard = data.draw(heard_pieces())
+    visit = Evidence("/dev/x", module, module.line, network, 1.0, heard, tuple(asked), 16)
+    case = Case((visit,), listen_only)
+    found = judge(case)
+    assert found
+    assert all(item.text for item in found)
+    text = report(case, found, "0", "now")
+    assert all(piece.data.hex(" ").upper() in text for piece in heard)
 
 
 def test_who_only_listens_leaves_the_ports_pins_alone() -> None:
