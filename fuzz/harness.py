@@ -30,6 +30,10 @@ MOST_STEPS = 1000
 """An exchange on a silent line ends in fewer."""
 
 
+REPORT_EVERY = 10_000
+"""Inputs between two reports of how often each of the three was tried."""
+
+
 @dataclass(frozen=True)
 class Target:
     """A protocol as the fuzzer needs it; each function takes what it chooses from the bytes."""
@@ -121,11 +125,16 @@ def fuzz_exchange(data: Provider, target: Target) -> None:
 def fuzz(*targets: Target) -> None:
     """Run until libFuzzer's options say enough; the input says which of the targets it is for."""
 
+    tried = dict.fromkeys((fuzz_decoder, fuzz_slave, fuzz_exchange), 0)
+
     def one_input(raw: bytes) -> None:
         data = atheris.FuzzedDataProvider(raw)
         target = data.PickValueInList(list(targets))
-        mode = data.ConsumeIntInRange(0, 2)
-        (fuzz_decoder, fuzz_slave, fuzz_exchange)[mode](data, target)
+        mode = list(tried)[data.ConsumeIntInRange(0, 2)]
+        mode(data, target)
+        tried[mode] += 1
+        if not sum(tried.values()) % REPORT_EVERY:
+            print(", ".join(f"{mode.__name__} {count}" for mode, count in tried.items()))
 
     with tempfile.TemporaryDirectory() as folder:
         for number, seed in enumerate(seed for target in targets for seed in target.seeds):
