@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from multidrop.errors import Error
+from multidrop.errors import Error, PortError
 from multidrop.gateway.check import demand_right
 from multidrop.gateway.clock import synchronised
 from multidrop.gateway.fault_watch import FaultWatch
@@ -186,8 +186,11 @@ class Gateway:
         return self.plant.find(name)
 
     def line_of(self, device: str) -> GatewayLine:
-        """The line that a device is on. Raises `UsageError`."""
-        return self.lines[self.device(device).line]
+        """The line that a device is on. Raises `UsageError`, and `PortError` while that is started anew."""
+        name = self.device(device).line
+        if name not in self.lines:
+            raise PortError(f"line {name} is not open now")
+        return self.lines[name]
 
     async def read(self, device: str, point: str) -> Reading:
         """Read a point now, polled or not. Raises as a connection does."""

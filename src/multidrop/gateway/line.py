@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -63,6 +62,7 @@ class GatewayLine:
         self.plan = self._plan()
         self._on_reading = on_reading
         self._polling: asyncio.Task[None] | None = None
+        self._turn = asyncio.Lock()  # to start polling, or to change what is polled
 
     def _plan(self) -> Plan:
         return self.service.plan(
@@ -75,14 +75,14 @@ class GatewayLine:
         """Open the port, and poll until cancelled. Raises `UsageError` for a port that is none."""
         async with self.service:
             while True:
-                polling = self._polling = asyncio.create_task(
-                    self.service.poll(self.plan, self._on_reading)
-                )
+                async with self._turn:
+                    polling = self._polling = asyncio.create_task(
+                        self.service.poll(self.plan, self._on_reading)
+                    )
                 try:
                     await asyncio.wait([polling])
                 finally:
                     polling.cancel()
-                    self._polling = None
                     await asyncio.gather(polling, return_exceptions=True)
                 if not polling.cancelled():
                     polling.result()
@@ -94,13 +94,13 @@ class GatewayLine:
 
     async def change(self, devices: Sequence[PlantDevice]) -> None:
         """Other devices or points on the open port. Raises `UsageError`."""
-        if self._polling is not None:
-            self._polling.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
+        async with self._turn:
+            if self._polling is not None:
+                self._polling.cancel()
                 await asyncio.wait([self._polling])
-        self.service.change(targets_of(devices))
-        self.devices = tuple(devices)
-        self.plan = self._plan()
+            self.service.change(targets_of(devices))
+            self.devices = tuple(devices)
+            self.plan = self._plan()
 
     @property
     def keys(self) -> list[tuple[str, str]]:
