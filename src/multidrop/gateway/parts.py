@@ -9,6 +9,7 @@ from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.settings import CLASSES
 
 PARTS: dict[str, str] = {
+    "history": "multidrop.gateway.history",
     "faults": "multidrop.gateway.faults",
     "http": "multidrop.gateway.web",
     "modbus": "multidrop.gateway.modbus",

@@ -12,7 +12,7 @@ from multidrop.gateway.records import Kept, Sample
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`deadband` (physical): a change up to it is none. `longest` (s): recorded again after it."""
+    """`deadband` (physical): a smaller change is none. `longest` (s): recorded again after it."""
 
     deadband: float = 0.0
     longest: float = 600.0
@@ -50,7 +50,7 @@ class Reporting:
 
 
 def _apart(one: Kept, other: Kept, deadband: float) -> bool:
-    """Whether two values differ by more than the dead band; texts, whether they differ."""
+    """Whether two values differ, numbers by the dead band at least."""
     if isinstance(one, int | float) and isinstance(other, int | float):
-        return one != other and not abs(one - other) <= deadband
+        return one != other and not abs(one - other) < deadband
     return one != other

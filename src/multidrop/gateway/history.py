@@ -1,0 +1,231 @@
+"""The history of a gateway: what is polled becomes samples, and samples go to a store once a second.
+
+A store that takes nothing (a full disk) costs nothing but the oldest samples once
+`MOST_WAITING` of them wait in memory; what was lost is recorded as a gap. Polling never waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+import uuid
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+from multidrop.errors import Error, PortError
+from multidrop.gateway.batching import Batching
+from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.records import Bucket, Gap, Sample, kept, microseconds
+from multidrop.gateway.reporting import Reporting, Rule
+from multidrop.gateway.settings import HistorySettings
+from multidrop.gateway.store import MOST_BUCKETS, Store
+from multidrop.gateway.values import Update
+
+EVERY = 1.0
+"""s between two writings; a store makes them safe against loss of power no more often."""
+
+MOST_SAMPLES = 100_000
+"""Samples that one `range` returns."""
+
+DAY = 86_400.0
+
+ResultT = TypeVar("ResultT")
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryState:
+    """How history is kept now. `error`: why nothing can be written, None where all is well.
+
+    `waiting` samples are not in the store yet; `lost` ones had to be given up in this run.
+    `hours`: how long the database server may be away at the present rate; None without one.
+    """
+
+    error: str | None
+    waiting: int
+    lost: int
+    hours: float | None
+
+
+class History:
+    """A part of the gateway. `take` is a listener of `Values`; the rest is for charts and exports.
+
+    `rule_of` says by which rule a device's point is reported. `keep` (s): how long; 0 for ever.
+    """
+
+    name = "history"
+
+    def __init__(
+        self,
+        store: Store,
+        rule_of: Callable[[str, str], Rule] = lambda device, point: Rule(),
+        *,
+        keep: float = 0.0,
+        every: float = EVERY,
+    ) -> None:
+        self.store = store
+        self._rule_of = rule_of
+        self._keep = keep
+        self._every = every
+        self._reporting: dict[tuple[str, str], Reporting] = {}
+        self._batching = Batching(uuid.uuid4().hex)
+        self._writing = ThreadPoolExecutor(1, "history-write")
+        self._asking = ThreadPoolExecutor(1, "history-ask")
+        self._newest = 0
+        self._error: str | None = None
+
+    # -- what comes ----------------------------------------------------------------------------
+
+    def take(self, update: Update) -> None:
+        """A listener: records what is worth it."""
+        key = update.device, update.point
+        reporting = self._reporting.get(key)
+        rule = self._rule_of(*key)
+        if reporting is None:
+            reporting = self._reporting[key] = Reporting(rule)
+        reporting.rule = rule
+        self.append(reporting.take(sample_of(update)))
+
+    def append(self, samples: Iterable[Sample]) -> None:
+        """Record these as they are, in the order in which they happened."""
+        for sample in samples:
+            self._newest = sample.time
+            self._batching.take((sample,))
+
+    async def run(self) -> None:
+        """Write once a second, until cancelled; then what is left, and that the gateway stopped."""
+        loop = asyncio.get_running_loop()
+        try:
+            while True:
+                await asyncio.sleep(self._every)
+                await self._write(loop.time())
+        finally:
+            try:
+                await asyncio.shield(self._end(loop.time()))
+            finally:
+                self.close()
+
+    def close(self) -> None:
+        """End the threads and the store; `run` does it when it ends."""
+        self._writing.shutdown(wait=True)
+        self._asking.shutdown(wait=True)
+        self.store.close()
+
+    async def _write(self, now: float, *, stop: bool = False) -> None:
+        batches = self._batching.cut(now, stop=stop)
+        if not batches:
+            return
+        forget = self._newest - round(self._keep * 1e6) if self._keep else None
+        try:
+            await _done(self._writing, lambda: self.store.write(batches, forget))
+        except (sqlite3.Error, OSError, Error) as error:
+            self._error = str(error)
+        else:
+            self._error = None
+            self._batching.written(len(batches))
+
+    async def _end(self, now: float) -> None:
+        await self._write(now, stop=True)
+
+    @property
+    def state(self) -> HistoryState:
+        state = self.store.state
+        waiting = self._batching.samples + state.waiting
+        return HistoryState(self._error or state.error, waiting, self._batching.lost, state.hours)
+
+    # -- what is asked -------------------------------------------------------------------------
+
+    async def series(self) -> list[tuple[str, str]]:
+        """Device and point of everything there is."""
+        return await self._ask(self.store.series)
+
+    async def latest(self, device: str, point: str) -> Sample | None:
+        """The newest sample. Raises `UsageError` for a point without history."""
+        return await self._ask(lambda: self.store.latest(device, point))
+
+    async def range(
+        self, device: str, point: str, start: int, end: int, most: int = MOST_SAMPLES
+    ) -> list[Sample]:
+        """The first `most` samples in `start` <= time < `end` (µs), in order."""
+        return await self._ask(
+            lambda: list(islice(self.store.range(device, point, start, end), most))
+        )
+
+    async def buckets(
+        self, device: str, point: str, start: int, end: int, most: int = MOST_BUCKETS
+    ) -> list[Bucket]:
+        """What was in `start` <= time < `end` (µs), in at most `most` equal buckets."""
+        return await self._ask(lambda: self.store.buckets(device, point, start, end, most))
+
+    async def gaps(self, start: int, end: int) -> list[Gap]:
+        """Where nothing was recorded, or recorded samples were lost."""
+        return await self._ask(lambda: self.store.gaps(start, end))
+
+    async def _ask(self, question: Callable[[], ResultT]) -> ResultT:
+        """Raises `UsageError`, and `PortError` where the store does not answer."""
+        try:
+            return await _done(self._asking, question)
+        except (sqlite3.Error, OSError, ValueError) as error:
+            raise PortError(f"the history cannot be read: {error}") from None
+
+
+async def _done(threads: ThreadPoolExecutor, work: Callable[[], ResultT]) -> ResultT:
+    return await asyncio.get_running_loop().run_in_executor(threads, work)
+
+
+def sample_of(update: Update) -> Sample:
+    """What history makes of an update: a value with its own time, or the mark that there is none."""
+    polled = update.polled
+    if polled.good and polled.reading is not None:
+        time, value = polled.reading.time, kept(polled.reading.value)
+    else:
+        time, value = polled.time, None
+    ago = (polled.time - time).total_seconds()
+    return Sample(
+        update.device,
+        update.point,
+        microseconds(time),
+        update.monotonic - ago,
+        update.synchronised,
+        value,
+        polled.quality,
+    )
+
+
+def open_store(
+    settings: HistorySettings, path_of: Callable[[str], Path], *, only_read: bool = False
+) -> Store:
+    """The store that `[history]` names. Raises `UsageError`."""
+    if settings.dsn is None:
+        from multidrop.gateway.history_sqlite import SqliteStore
+
+        return SqliteStore(path_of(settings.path), only_read=only_read)
+    from multidrop.gateway.history_postgres import PostgresStore
+
+    if only_read:
+        return PostgresStore(settings.dsn)
+    from multidrop.gateway.outbox import Outbox
+
+    outbox = Outbox(path_of(settings.outbox), round(settings.outbox_size * 1e6))
+    return PostgresStore(settings.dsn, outbox)
+
+
+def part(gateway: Gateway) -> History:
+    """The history of a gateway, as its plant and `[history]` say. Raises `UsageError`."""
+    settings = gateway.settings
+    table = settings.history
+    assert table is not None
+
+    def rule_of(device: str, point: str) -> Rule:
+        found = gateway.plant.devices.get(device)
+        named = found.points.get(point) if found is not None else None
+        if named is None:
+            return Rule(longest=table.longest)
+        return Rule(named.deadband, table.longest if named.longest is None else named.longest)
+
+    history = History(open_store(table, settings.path), rule_of, keep=table.keep * DAY)
+    gateway.values.listeners.append(history.take)
+    return history

@@ -1,0 +1,47 @@
+"""A real PostgreSQL. Without one a test is skipped; where MULTIDROP_NEEDS_POSTGRES is set, it fails."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+NEEDED = "MULTIDROP_NEEDS_POSTGRES"
+DSN = os.environ.get("MULTIDROP_POSTGRES", "postgresql://postgres@127.0.0.1:5432/test")
+
+
+def _absent(why: str) -> None:
+    if os.environ.get(NEEDED):
+        pytest.fail(why)
+    pytest.skip(why)
+
+
+def postgres_dsn() -> str:
+    """Where the server is. Skips the test if there is none, or fails it where there must be one."""
+    try:
+        import psycopg
+    except ImportError:
+        _absent("psycopg is not installed (multidrop[postgres])")
+    try:
+        psycopg.connect(DSN, connect_timeout=3).close()
+    except psycopg.OperationalError as error:
+        _absent(f"no PostgreSQL answers at {DSN}: {error}")
+    return DSN
+
+
+@contextmanager
+def own_schema() -> Iterator[str]:
+    """A schema that nobody else uses, gone afterwards."""
+    import psycopg
+    from psycopg import sql
+
+    name = f"multidrop_{uuid.uuid4().hex[:12]}"
+    try:
+        yield name
+    finally:
+        with psycopg.connect(DSN, autocommit=True) as connection:
+            drop = sql.SQL("DROP SCHEMA IF EXISTS {} CASCADE")
+            connection.execute(drop.format(sql.Identifier(name)))
