@@ -7,7 +7,6 @@ A store that takes nothing (a full disk) costs nothing but the oldest samples on
 from __future__ import annotations
 
 import asyncio
-import sqlite3
 import uuid
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +15,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from multidrop.errors import Error, PortError
+from multidrop.errors import PortError
 from multidrop.gateway.batching import Batching
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.records import Bucket, Gap, Sample, kept, microseconds
@@ -121,7 +120,7 @@ class History:
         forget = self._newest - round(self._keep * 1e6) if self._keep else None
         try:
             await _done(self._writing, lambda: self.store.write(batches, forget))
-        except (sqlite3.Error, OSError, Error) as error:
+        except self.store.failures as error:
             self._error = str(error)
         else:
             self._error = None
@@ -168,7 +167,7 @@ class History:
         """Raises `UsageError`, and `PortError` where the store does not answer."""
         try:
             return await _done(self._asking, question)
-        except (sqlite3.Error, OSError, ValueError) as error:
+        except (*self.store.failures, ValueError) as error:
             raise PortError(f"the history cannot be read: {error}") from None
 
 

@@ -5,6 +5,7 @@ All of it blocks; `history.py` calls it from threads.
 
 from __future__ import annotations
 
+import sqlite3
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -52,14 +53,18 @@ class StoreState:
 
 
 class Store(ABC):
-    """Batches in, samples and buckets out. Writing and asking may be done by two threads."""
+    """Batches in, samples and buckets out. Writing and asking may be done by two threads.
+
+    `failures` is what the database raises when it cannot.
+    """
+
+    failures: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
 
     @abstractmethod
     def write(self, batches: Sequence[Batch], forget: int | None = None) -> None:
         """Take batches: all of them or none. Then forget some of what is older than `forget`.
 
-        A batch that comes again is taken once. Raises `OSError` or the store's own error
-        where nothing was taken.
+        A batch that comes again is taken once. Raises one of `failures` where nothing was taken.
         """
 
     @abstractmethod

@@ -114,21 +114,16 @@ def test_whether_the_clock_was_synchronised_is_kept(kept: KeptStore) -> None:
 
 @pytest.mark.usefixtures("sealed")
 def test_buckets(kept: KeptStore) -> None:
-    samples = [sample(second, (second * 7) % 10 + 0.5) for second in range(20)]
-    kept.write(batches(samples))
+    values = [(second * 7) % 10 + 0.5 for second in range(20)]
+    kept.write(batches([sample(second, value) for second, value in enumerate(values)]))
     found = kept.store.buckets("infeed", "speed", START, START + 20 * SECOND, 5)
+    fours = [values[at : at + 4] for at in range(0, 20, 4)]
     assert found == [
-        Bucket(
-            START + 4 * place * SECOND,
-            min(values := [one.value for one in samples[4 * place : 4 * place + 4]]),  # type: ignore[type-var]
-            max(values),  # type: ignore[type-var]
-            values[-1],
-            4,
-        )
-        for place in range(5)
+        Bucket(START + 4 * place * SECOND, min(four), max(four), four[-1], 4)
+        for place, four in enumerate(fours)
     ]
     whole = kept.store.buckets("infeed", "speed", START, START + 20 * SECOND, 1)
-    assert whole == [Bucket(START, 0.5, 9.5, samples[-1].value, 20)]
+    assert whole == [Bucket(START, 0.5, 9.5, values[-1], 20)]
 
 
 @pytest.mark.usefixtures("sealed")
