@@ -165,9 +165,10 @@ class History:
 
     async def _ask(self, question: Callable[[], ResultT]) -> ResultT:
         """Raises `UsageError`, and `PortError` where the store does not answer."""
+        failures = (*self.store.failures, ValueError)  # the latter: a block of other bytes
         try:
             return await _done(self._asking, question)
-        except (*self.store.failures, ValueError) as error:
+        except failures as error:
             raise PortError(f"the history cannot be read: {error}") from None
 
 
