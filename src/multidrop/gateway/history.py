@@ -165,11 +165,12 @@ class History:
 
     async def _ask(self, question: Callable[[], ResultT]) -> ResultT:
         """Raises `UsageError`, and `PortError` where the store does not answer."""
-        failures = (*self.store.failures, ValueError)  # the latter: a block of other bytes
         try:
             return await _done(self._asking, question)
-        except failures as error:
+        except self.store.failures as error:
             raise PortError(f"the history cannot be read: {error}") from None
+        except ValueError as error:
+            raise PortError(f"the history is damaged: {error}") from None
 
 
 async def _done(threads: ThreadPoolExecutor, work: Callable[[], ResultT]) -> ResultT:
