@@ -33,7 +33,7 @@ BLOCK = re.compile(
 )
 VARIES = re.compile(
     r"[+-]? *\d+\.\d+ ms|\"(?:answer_)?ms\": [\d.]+|\d+\.\d s:|\d{4}-\d\d-\d\d[T ][\d:.]+(?:Z|\+00:00)?"
-    r"|about [\d.]+ (?:s|min \d+ s)|\"seconds\": [\d.]+|discovered \d{4}-\d\d-\d\d"
+    r"|about [\d.]+ (?:s|min \d+ s)|\"seconds\": [\d.]+|(?:discovered|since) \d{4}-\d\d-\d\d(?: \d\d:\d\d)?"
     r"|\d\d:\d\d:\d\d(?:\.\d+)?|\"who\": \"[^\"]*\"|/dev/pts/\d+"
 )
 BIN = Path(sys.executable).parent

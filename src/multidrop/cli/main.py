@@ -33,6 +33,8 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "diff": ("passports", "What two passports, or a passport and a device, do not agree on."),
     "restore": ("restore", "A passport's settings onto a device: first the plan, then the proof."),
     "discover": ("discover", "Which points a device has, found out with reads, as a profile."),
+    "learn": ("learn", "Which point is it that is changed at the keypad? Gives it a name."),
+    "watch-drift": ("watch_drift", "What was changed in a plant since its passports were made."),
     "raw": ("services", "Send one command body as is."),
     "scan": ("scan", "Which protocol, settings and addresses answer at a port."),
     "doctor": ("doctor", "Why a line fails, with the bytes that prove it."),

@@ -1,0 +1,129 @@
+"""`multidrop watch-drift`."""
+
+from __future__ import annotations
+
+import json as json_module
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.passports import shown
+from multidrop.errors import UsageError
+from multidrop.io.audit import jsonable
+from multidrop.io.connection import Target
+from multidrop.plantfile import Plant
+from multidrop.tools.difference import Difference
+from multidrop.tools.drift import Drift, Passports, look, save_new
+from multidrop.tools.passport import Entry
+
+FOLDER = "passports"
+
+
+@click.command(
+    epilog="Example: multidrop watch-drift multidrop.toml --every 3600. "
+    "Exit status 0: as in the passports, 1: something differs."
+)
+@click.argument("plant", metavar="PLANT.toml")
+@click.option(
+    "--passports", metavar="FOLDER", help=f"where passports are; {FOLDER} beside the plant file"
+)
+@click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option(
+    "--save",
+    is_flag=True,
+    help="a new passport of what differs, or has none; it counts from then on",
+)
+@click.option("--json", is_flag=True, help="JSON Lines on standard output")
+def watch_drift(
+    plant: str, passports: str | None, every: float | None, save: bool, json: bool
+) -> int:
+    """Compare every device of PLANT.toml with its latest passport: what was changed at the keypad?"""
+    from multidrop.cli.listening import find_plant
+
+    found = find_plant(plant)
+    assert found is not None, "a plant file that is named is read"
+    folder = Path(passports) if passports else Path(plant).parent / FOLDER
+    if save and not folder.exists() and folder.parent.is_dir():
+        folder.mkdir()
+    if not found.devices:
+        raise UsageError(f"{plant} has no devices")
+    seen: dict[str, list[str]] = {}
+    started = time.monotonic()
+    while True:
+        status = _round(found, Passports.of(folder), seen, save=save, as_json=json)
+        if every is None:
+            return status
+        started = max(started + every, time.monotonic() - every)
+        time.sleep(max(0.0, started - time.monotonic()))
+
+
+def _round(
+    plant: Plant, passports: Passports, seen: dict[str, list[str]], *, save: bool, as_json: bool
+) -> int:
+    """All devices once. What was said the last time is not said again."""
+    for path, reason in passports.unusable.items():
+        if seen.get(str(path)) != [reason]:
+            click.secho(f"not used: {reason}", err=True, fg="yellow")
+            seen[str(path)] = [reason]
+    status, differ = 0, False
+    for name, device in plant.devices.items():
+        drift = look(name, Target(device.device, device.profile), passports)
+        lines = _lines(drift, as_json)
+        for line in lines:
+            if line not in seen.get(name, ()):
+                click.echo(line)
+        if drift.error is not None:
+            status = max(status, exit_status(drift.error))
+            if not as_json:
+                lines.append(f"{drift.error}")
+                if lines[-1] not in seen.get(name, ()):
+                    report_failure(drift.error, name)
+        seen[name] = lines
+        differ = differ or bool(drift.differences)
+        if save and drift.now is not None and (drift.differences or drift.kept is None):
+            click.echo(f"{name}: {save_new(drift, passports.folder)}", err=True)
+    return 1 if differ else status
+
+
+def _lines(drift: Drift, as_json: bool) -> list[str]:
+    if as_json:
+        lines = [_as_line(drift, item) for item in drift.differences]
+        if drift.error is not None:
+            lines.append(_json({"v": 1, "device": drift.name, "error": failure(drift.error)}))
+        return lines
+    return [_as_text(drift, item) for item in drift.differences]
+
+
+def _as_line(drift: Drift, item: Difference) -> str:
+    assert drift.kept is not None
+    assert isinstance(item.before, Entry)
+    assert isinstance(item.after, Entry)
+    return _json(
+        {
+            "v": 1,
+            "device": drift.name,
+            "point": item.point,
+            "name": item.name,
+            "before": jsonable(item.before.value),
+            "after": jsonable(item.after.value),
+            "unit": item.after.unit,
+            "passport": str(drift.kept.path),
+            "passport_time": drift.kept.passport.time.isoformat().replace("+00:00", "Z"),
+        }
+    )
+
+
+def _json(line: dict[str, Any]) -> str:
+    return json_module.dumps(line, ensure_ascii=False)
+
+
+def _as_text(drift: Drift, item: Difference) -> str:
+    assert drift.kept is not None
+    label = f"{item.name} ({item.point})" if item.name else item.point
+    since = f"{drift.kept.passport.time:%Y-%m-%d %H:%M}"
+    return (
+        f"{drift.name}: {label}   {shown(item.before)} -> {shown(item.after)}   since {since} UTC"
+    )

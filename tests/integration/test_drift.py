@@ -1,0 +1,110 @@
+"""A plant against its passports, through real sockets."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from integration.processes import multidrop, running
+from integration.threads import served, simulated
+from multidrop.io.connection import connect
+from multidrop.protocols import ultra3000
+from multidrop.sim.devices import simulated_device
+from multidrop.sim.line import SimulatedLine
+
+
+@dataclass
+class Site:
+    """A plant of an axis, an AX-V and a device that nobody has switched on."""
+
+    folder: Path
+    axis: str
+
+    def run(self, *arguments: str, status: int) -> str:
+        ran = multidrop("watch-drift", "plant.toml", *arguments, cwd=self.folder)
+        assert ran.status == status, ran.err + ran.out
+        return ran.out + ran.err
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    with contextlib.ExitStack() as stack:
+        line = SimulatedLine(
+            [simulated_device("ultra3000", 0)], ultra3000.decoder, character=0.0001
+        )
+        axis = stack.enter_context(served(line))
+        winder = stack.enter_context(simulated("ax-v:2"))
+        (tmp_path / "plant.toml").write_text(
+            f'[line.a]\nport = "{axis.port}"\ntimeout = 1\n'
+            '[line.a.device.axis]\nprofile = "ultra3000"\naddress = 0\n'
+            f'[line.b]\nport = "{winder.port}"\ntimeout = 0.1\n'
+            '[line.b.device.spare]\nprofile = "ax-v"\naddress = 7\n'
+            '[line.b.device.winder]\nprofile = "ax-v"\naddress = 2\n'
+        )
+        yield Site(tmp_path, axis.device("ultra3000:0", timeout=1))
+
+
+def test_what_was_changed_at_the_keypad(site: Site) -> None:
+    missing = site.run(status=2)
+    assert "there is no folder passports with passports" in missing
+
+    first = site.run("--save", status=4)
+    assert "passports has no passport of it" in first
+    assert "spare: no reply" in first
+    files = {path.name.partition("-")[0] for path in (site.folder / "passports").iterdir()}
+    assert files == {"axis", "winder"}
+    assert site.run(status=4).count("spare") == 1, "and nothing else"
+
+    with connect(site.axis) as axis:
+        axis.write("kp", 6)
+    found = site.run(status=1)
+    assert "axis: kp (0x011)   4 -> 6   since " in found
+    assert "spare: no reply" in found, "it does not stop the others, nor they it"
+
+    saved = site.run("--save", status=1)
+    assert "axis: passports/axis-" in saved
+    assert "winder: passports" not in saved, "nothing of it differs"
+    assert "kp" not in site.run(status=4), "the new passport counts"
+
+
+def test_json_and_what_is_no_passport(site: Site) -> None:
+    site.run("--save", "--passports", "kept", status=4)
+    (site.folder / "kept" / "broken.toml").write_text("passport = 1\n")
+    with connect(site.axis) as axis:
+        axis.write("position_error_limit", 9000)
+    ran = multidrop("watch-drift", "plant.toml", "--passports", "kept", "--json", cwd=site.folder)
+    assert ran.status == 1
+    assert "not used: kept/broken.toml: the checksum at the end is missing" in ran.err
+    changed, silent = ran.objects
+    assert (changed["device"], changed["name"]) == ("axis", "position_error_limit")
+    assert (changed["before"], changed["after"], changed["unit"]) == (8000, 9000, "counts")
+    assert changed["passport"].startswith("kept/axis-")
+    assert (silent["device"], silent["error"]["kind"]) == ("spare", "no-reply")
+
+
+def test_again_and_again_says_each_change_once(site: Site) -> None:
+    site.run("--save", status=4)
+    arguments = ("watch-drift", "plant.toml", "--every", "0.1")
+    with running(*arguments, cwd=site.folder) as program:
+        program.wait_for("spare: no reply")
+        with connect(site.axis) as axis:
+            axis.write("kp", 6)
+        program.wait_for("axis: kp (0x011)   4 -> 6")
+        with connect(site.axis) as axis:
+            axis.write("ki", 3)
+        program.wait_for("axis: ki (0x012)   0 -> 3")
+        ended = program.interrupt()
+    assert ended.status == 130
+    assert ended.out.count("kp") == 1
+    assert ended.err.count("spare") == 1
+
+
+def test_a_plant_without_devices(tmp_path: Path) -> None:
+    (tmp_path / "plant.toml").write_text("")
+    (tmp_path / "passports").mkdir()
+    ran = multidrop("watch-drift", "plant.toml", cwd=tmp_path)
+    assert (ran.status, "has no devices" in ran.err) == (2, True)
