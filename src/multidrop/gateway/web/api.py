@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 
 from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.web import metrics, shapes
+from multidrop.gateway.web import metrics, past, shapes
 from multidrop.gateway.web.access import Access, Refused
 from multidrop.gateway.web.live import Live
 from multidrop.gateway.web.operations import Operation, Parameter, document, listed, ref
@@ -31,6 +31,15 @@ EVENT_STREAM = "text/event-stream"
 DEVICE = Parameter("device", "a device, by its name in the plant file", example="infeed")
 POINT = Parameter("point", "a point of it, by its name in the plant file", example="speed")
 LINE = Parameter("line", "a line, by its name in the plant file", example="press")
+START = Parameter("start", "s since 1970, or ISO 8601 with its zone", required=True)
+END = Parameter("end", "the same; not included", required=True)
+MOST = Parameter(
+    "most",
+    "parts of the time",
+    {"type": "integer", "minimum": 1, "maximum": past.MOST_BUCKETS, "default": past.MOST_BUCKETS},
+)
+POINTS = Parameter("point", "DEVICE/POINT; may be given more than once", required=True)
+TRIP = Parameter("name", "a freeze-frame, by its name in the list")
 
 
 class Api:
@@ -48,6 +57,7 @@ class Api:
     def _operations(self) -> tuple[Operation, ...]:
         one = (DEVICE, POINT)
         several = Parameter("device", "only these devices; may be given more than once")
+        one_device = Parameter("device", "only this device")
         return (
             Operation("GET", "/health", "Whether the gateway runs, and its lines", self.health,
                       right=None, schema=ref("Health")),
@@ -72,6 +82,16 @@ class Api:
             Operation("POST", "/api/write", "Write a point that the plant file lets be written",
                       self.write, right=Right.WRITE, body=WRITE, schema=ref("Written"),
                       statuses=(404, 502, 503, 504)),
+            Operation("GET", "/api/history.csv", "Every sample of some points, as CSV", self.csv,
+                      parameters=(POINTS, START, END), content="text/csv", statuses=(404, 503)),
+            Operation("GET", "/api/history/{device}/{point}", "What was, in parts of the time",
+                      self.history, parameters=(*one, START, END, MOST), schema=ref("History"),
+                      statuses=(404, 503)),
+            Operation("GET", "/api/faults", "When devices tripped, newest first", self.faults,
+                      parameters=(one_device,), schema=listed(ref("Trip")), statuses=(404,)),
+            Operation("GET", "/api/faults/{device}/{name}", "What was kept when a device tripped",
+                      self.fault, parameters=(DEVICE, TRIP), schema=ref("FreezeFrame"),
+                      statuses=(404,)),
             Operation("GET", "/api/rights", "What the caller may do", self.rights,
                       schema=ref("Rights")),
         )  # fmt: skip
@@ -133,6 +153,44 @@ class Api:
         device, point = self._found(_text(body, "device"), _text(body, "point"))
         reading = await self.gateway.read(device, point)
         return JSONResponse(shapes.read_now(device, reading))
+
+    # -- what was ----------------------------------------------------------------------------
+
+    async def history(self, request: Request) -> Response:
+        kept, query = past.history_of(self.gateway), request.query_params
+        device, point = self._found(request.path_params["device"], request.path_params["point"])
+        start, end = (
+            past.time_of(query.get("start"), "start"),
+            past.time_of(query.get("end"), "end"),
+        )
+        most = past.most_of(query.get("most"))
+        return JSONResponse(await past.columns(kept, device, point, start, end, most))
+
+    async def csv(self, request: Request) -> Response:
+        kept, query = past.history_of(self.gateway), request.query_params
+        names = [name.partition("/") for name in query.getlist("point")]
+        points = [self._found(device, point) for device, _, point in names]
+        if not 1 <= len(points) <= past.MOST_POINTS:
+            raise UsageError(f"1 to {past.MOST_POINTS} points are possible, not {len(points)}")
+        start, end = (
+            past.time_of(query.get("start"), "start"),
+            past.time_of(query.get("end"), "end"),
+        )
+        rows = past.rows(kept, points, start, end)
+        name = {"content-disposition": 'attachment; filename="multidrop.csv"'}
+        return StreamingResponse(rows, media_type=past.CSV, headers=name)
+
+    async def faults(self, request: Request) -> Response:
+        device = request.query_params.get("device")
+        if device is not None:
+            self._known_device(device)
+        return JSONResponse(await asyncio.to_thread(past.trips, self.gateway, device))
+
+    async def fault(self, request: Request) -> Response:
+        device, name = request.path_params["device"], request.path_params["name"]
+        self._known_device(device)
+        found = await asyncio.to_thread(past.freeze_frame, self.gateway, device, name)
+        return JSONResponse(found)
 
     # -- writing -----------------------------------------------------------------------------
 
@@ -214,14 +272,17 @@ class Api:
     def _devices(self, request: Request) -> frozenset[str] | None:
         asked = request.query_params.getlist("device")
         for name in asked:
-            if name not in self.gateway.plant.devices:
-                raise Refused(404, f"there is no device {name!r}")
+            self._known_device(name)
         return frozenset(asked) or None
+
+    def _known_device(self, name: str) -> None:
+        """Raises `Refused`."""
+        if name not in self.gateway.plant.devices:
+            raise Refused(404, f"there is no device {name!r}")
 
     def _found(self, device: str, point: str) -> tuple[str, str]:
         """A point that is polled. Raises `Refused`."""
-        if device not in self.gateway.plant.devices:
-            raise Refused(404, f"there is no device {device!r}")
+        self._known_device(device)
         if (device, point) not in self.gateway.line_of(device).keys:
             raise Refused(404, f"{device} has no point {point!r} that is polled")
         return device, point

@@ -121,6 +121,26 @@ SCHEMAS: dict[str, Schema] = {
         outcome=_one_of(Outcome),
         time=TIME,
     ),
+    "History": fields(
+        time=listed({"type": "number", "description": "s since 1970"}),
+        minimum=listed(maybe(NUMBER)),
+        maximum=listed(maybe(NUMBER)),
+        last=listed(ANY_VALUE),
+        count=listed(WHOLE),
+        gap=listed(YES_NO),
+    ),
+    "Trip": fields(
+        device=TEXT,
+        name=TEXT,
+        time=TIME,
+        cleared=maybe(TIME),
+        status=maybe(TEXT),
+        code=maybe(WHOLE),
+    ),
+    "FreezeFrame": {
+        **fields(v=WHOLE, device=TEXT, time=TIME, cleared=maybe(TIME)),
+        "description": "docs/reference/freeze-frame.md",
+    },
     "Rights": fields(
         name=maybe(TEXT), rights=listed({"type": "string", "enum": ["read", "write"]})
     ),

@@ -27,7 +27,26 @@ async function load(name, start, end, signal) {
   if (!store.plant.parts.includes("history")) return { time: [], minimum: [], maximum: [], last: [] };
   const [device, point] = split(name);
   const query = `start=${start.toFixed(3)}&end=${end.toFixed(3)}&most=1000`;
-  return get(`/api/history/${encodeURIComponent(device)}/${encodeURIComponent(point)}?${query}`, signal);
+  return broken(await get(`/api/history/${encodeURIComponent(device)}/${encodeURIComponent(point)}?${query}`, signal));
+}
+
+/** The line ends where nothing was known: behind a bucket with a gap there is a null. */
+function broken(columns) {
+  const kept = { time: [], minimum: [], maximum: [], last: [] };
+  const names = ["minimum", "maximum", "last"];
+  columns.time.forEach((time, at) => {
+    kept.time.push(time);
+    for (const name of names) {
+      const value = columns[name][at];
+      kept[name].push(typeof value === "number" ? value : null);
+    }
+    if (columns.gap[at] && columns.last[at] !== null) {
+      const next = columns.time[at + 1] ?? time + 2;
+      kept.time.push((time + next) / 2);
+      for (const name of names) kept[name].push(null);
+    }
+  });
+  return kept;
 }
 
 function split(name) {
