@@ -10,7 +10,7 @@ PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wi
 WORLD := tests/integration tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
-.PHONY: demo test check tshark mbpoll soak bench fuzz docs clean
+.PHONY: demo test check tshark mbpoll chromium soak bench fuzz docs clean
 
 demo: .venv/gateway
 	@$(BIN)/multidrop demo
@@ -35,6 +35,13 @@ tshark mbpoll:
 	    { echo "$@ is missing; on Debian and Ubuntu: sudo make $@" >&2; exit 1; }
 	@command -v $@ >/dev/null || { apt-get -qq update && \
 	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $@; }
+
+# What the tests of the page need; without it they are skipped and say so.
+chromium:
+	@command -v chromedriver >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null; } || \
+	    { echo "chromium and its driver are missing; on Debian: sudo make chromium" >&2; exit 1; }
+	@command -v chromedriver >/dev/null || { apt-get -qq update && \
+	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends chromium chromium-driver fonts-dejavu-core; }
 
 # Properties with 100,000 generated cases each, and 10,000 transactions on every kind of faulty wire: hours.
 soak: .venv/dev

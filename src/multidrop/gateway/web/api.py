@@ -199,7 +199,7 @@ class Api:
         body = await _body(request)
         device, point = _text(body, "device"), _text(body, "point")
         value = body.get("value")
-        if not isinstance(value, int | float):
+        if not isinstance(value, int | float) or isinstance(value, bool):
             raise UsageError("value is not a number")
         self._found(device, point)
         client = request.client.host if request.client else "?"

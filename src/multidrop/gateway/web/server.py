@@ -15,7 +15,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Mount, Route
+from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
@@ -80,9 +80,10 @@ def application(api: Api, access: Access) -> ASGIApp:
     routes = [
         Route(item.path, api.answering(item), methods=[item.method]) for item in api.operations
     ]
-    page = Mount("/", StaticFiles(directory=PAGE, html=True))
     handlers = {HTTPException: _as_json, Refused: _as_json}
-    return Guard(Starlette(routes=[*routes, page], exception_handlers=handlers), access)
+    everything = Starlette(routes=routes, exception_handlers=handlers)
+    everything.router.default = StaticFiles(directory=PAGE, html=True)
+    return Guard(everything, access)
 
 
 def _as_json(request: Request, error: Exception) -> Response:

@@ -59,6 +59,11 @@ async function mayWrite() {
   }
 }
 
+/** As many digits behind the point as a number has. */
+function digits(value) {
+  return { decimals: Math.min(6, (String(value).split(".")[1] ?? "").length) };
+}
+
 const OUTCOMES = {
   confirmed: "Written, and read back as wanted.",
   unverified: "Written; the device does not let it be read back.",
@@ -110,7 +115,7 @@ function choose(device, point) {
       say(age, how.word ? `now (${how.word})` : "now");
     }
     const chosen = input.value === "" ? null : Number(input.value);
-    if (!done) fresh.draw(point, { value: chosen, meaning: point.names[input.value] }, { decimals: 6 });
+    if (!done) fresh.draw(point, { value: chosen, meaning: point.names[input.value] }, digits(chosen));
   }
   function tell(kind, text) {
     note.hidden = !text;
@@ -132,8 +137,8 @@ function choose(device, point) {
     done = true;
     try {
       const result = await post("/api/write", { device: device.name, point: point.name, value: Number(input.value) });
-      old.draw(point, { value: result.old }, { decimals: 6 });
-      fresh.draw(point, { value: result.found ?? result.asked }, { decimals: 6 });
+      old.draw(point, { value: result.old }, digits(result.old));
+      fresh.draw(point, { value: result.found ?? result.asked }, digits(result.found ?? result.asked));
       tell("good", OUTCOMES[result.outcome] ?? result.outcome);
     } catch (error) {
       tell("bad", error.message);
