@@ -68,7 +68,8 @@ class Browser:
 
     def one(self, selector: str) -> WebElement:
         """The first that is there, which is waited for."""
-        return self.until(lambda: (self.all(selector) or [None])[0], selector)
+        found: list[WebElement] = self.until(lambda: self.all(selector), selector)
+        return found[0]
 
     def text(self, selector: str) -> str:
         """Its text, in one go: what is drawn anew meanwhile does no harm."""
@@ -85,7 +86,7 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """What the browser's console says: errors, and what the content policy stopped."""
-        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
+        return [str(entry["message"]) for entry in self.driver.get_log("browser")]  # type: ignore[no-untyped-call]
 
 
 @contextlib.contextmanager

@@ -90,8 +90,9 @@ class Client:
     def write(self, device: str, point: str, value: object, **headers: str | None) -> Answer:
         """As the page does it, with the token unless `authorization` says otherwise."""
         body = json.dumps({"device": device, "point": point, "value": value}).encode()
-        usual = {"content_type": "application/json", "authorization": f"Bearer {self.token}"}
-        return self.ask("POST", "/api/write", body, **{**usual, **headers})
+        headers.setdefault("content_type", "application/json")
+        headers.setdefault("authorization", f"Bearer {self.token}")
+        return self.ask("POST", "/api/write", body, **headers)
 
     @contextlib.contextmanager
     def stream(self, path: str) -> Iterator[Iterator[tuple[str, Any]]]:
