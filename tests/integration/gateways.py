@@ -66,7 +66,7 @@ class Client:
         self.token = token
 
     def ask(
-        self, method: str, path: str, body: bytes | None = None, **headers: str | None
+        self, method: str, path: str, body: bytes | None = None, /, **headers: str | None
     ) -> Answer:
         """Send a request; a header that is None is left out, `_` in its name is `-`."""
         connection = http.client.HTTPConnection(self.host, self.port, timeout=PATIENCE)
