@@ -90,8 +90,9 @@ def _fields(profile: Profile) -> dict[str, Any]:
 
 def _edited(text: str, point: PointDescription, old: str | None) -> str:
     if old is not None:
-        line = re.compile(rf"^{re.escape(toml_key(old))}[ \t]*=[ \t]*\{{.*\}}[ \t]*$", re.MULTILINE)
-        return line.sub(lambda found: point_line(point), text, count=1)
+        whole = rf"^{re.escape(toml_key(old))}[ \t]*=[ \t]*\{{.*\}}([ \t]*(?:#.*)?)$"
+        line = re.compile(whole, re.MULTILINE)
+        return line.sub(lambda found: point_line(point) + found[1], text, count=1)
     if re.search(r"^\[points\][ \t]*$", text, re.MULTILINE) is None:
         return f"{text}\n[points]\n{point_line(point)}\n"
     head, points, rest = re.split(r"(^\[points\][ \t]*\n)", text, maxsplit=1, flags=re.MULTILINE)

@@ -187,7 +187,7 @@ protocol = "slink3"   # a drive
 [points]
 # the first
 feed = { at = "8236:int16", role = "setting" }
-index_9000 = { at = "9000:int16" }
+index_9000 = { at = "9000:int16" }  # which?
 
 [points.long]
 at = "8300:int16"
@@ -209,6 +209,7 @@ def test_a_point_takes_the_place_of_another() -> None:
     text = with_points(OWN, "press.toml", named("speed", "9000:int16"), {"speed": "index_9000"})
     assert "# the first" in text
     assert "index_9000" not in text
+    assert "  # which?" in text
     assert Profile.from_toml(text, "x").points["speed"].unit == "rpm"
 
 
