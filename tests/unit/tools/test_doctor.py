@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from multidrop.io.memory import FOREVER, MemoryPort
 from multidrop.io.ports import PortSetup
-from multidrop.protocols import PROTOCOLS
+from multidrop.protocols import PROTOCOLS, slink3
 from multidrop.protocols.slink3 import FLEXMAX, Master
 from multidrop.sim.intruders import OtherMaster, OtherSetting
 from multidrop.sim.misread import Setting
@@ -18,6 +20,7 @@ from multidrop.tools.evidence import Asked, Evidence, Piece
 from multidrop.tools.report import report
 from multidrop.tools.verdicts import Sure, What, status_of
 from unit.tools.examined import Fault, Ports, examined, line, note, on, verdict
+from unit.tools.scanned import Wire
 
 DRIVE, AX = ("flexmax", 0), ("ax-v", 2)
 AT = Setting(9600, Format(8, "E", 1))
@@ -220,6 +223,25 @@ def test_two_devices_with_one_address() -> None:
     found = verdict(examined(on(line(DRIVE, DRIVE)), 0), What.SAME_ADDRESS)
     assert found.sure is Sure.CERTAIN
     assert "address 0 answers twice, 10 times of 10" in found.text
+
+
+def test_a_second_device_that_takes_longer() -> None:
+    answer = bytes.fromhex("01 00 00 0A 01 00 00 40 02 49")
+
+    def answers(frame: slink3.Frame) -> list[tuple[float, bytes]]:
+        both = slink3.Frame.decode(answer).numbered(frame.control >> 2).encode()
+        return [(0.015, both), (0.055, both)]
+
+    wire = Wire("slink3", answers)
+    found = verdict(examined(Ports(lambda setting: wire), 0), What.SAME_ADDRESS)
+    assert "10 times of 10" in found.text
+
+
+def test_damaged_answers_cost_no_whole_time_out() -> None:
+    case = examined(on(line(DRIVE, faults=[Fault.CUT_SHORT] * 99)), 0)
+    starts = [asked.start for asked in case.visits[0].asked]
+    assert len(starts) == 8  # so many without an answer are enough
+    assert all(later - sooner < 1.0 for sooner, later in pairwise(starts))
 
 
 def test_the_fault_twice_is_such_a_line() -> None:
