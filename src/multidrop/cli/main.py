@@ -46,6 +46,7 @@ COMMANDS = {  # name -> (module, what it does); a module is imported when its co
     "run": ("run", "Poll a plant as its file describes it, and serve what comes."),
     "token": ("token", "A token for the page and the HTTP interface of run."),
     "faults": ("faults", "What was kept of a device when it tripped."),
+    "history": ("history", "What was recorded of a point, as CSV."),
     "share": ("share", "One port for many masters, over TCP."),
     "simulate": ("simulate", "Simulated devices on a TCP port or a pseudo-terminal."),
 }
