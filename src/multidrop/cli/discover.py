@@ -9,13 +9,17 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.failures import INTERRUPTED, failure_as_line
 from multidrop.cli.options import Common, common
 from multidrop.errors import Error, UsageError
+from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
+from multidrop.naming import DeviceName, parse_simulated
 from multidrop.points import PointDescription
+from multidrop.profile import Profile
 from multidrop.tools.discover import Discovery
 from multidrop.tools.discovery_state import State
+from multidrop.tools.heard_points import heard
 from multidrop.tools.profile_text import toml_text
 from multidrop.tools.text_file import check_place, write_whole
 
@@ -27,9 +31,22 @@ from multidrop.tools.text_file import check_place, write_whole
 @click.argument("device")
 @click.argument("where", metavar="[RANGE]", required=False)
 @click.option("-o", "--output", required=True, metavar="NAME.toml", help="the profile")
+@click.option(
+    "--from",
+    "capture_file",
+    metavar="CAPTURE",
+    help="no device: what was read and written in a capture",
+)
 @click.option("--resume", is_flag=True, help="go on where an earlier call was interrupted")
 @common(force="replace NAME.toml, and begin anew where an earlier call was interrupted")
-def discover(common: Common, device: str, where: str | None, output: str, resume: bool) -> int:
+def discover(
+    common: Common,
+    device: str,
+    where: str | None,
+    output: str,
+    capture_file: str | None,
+    resume: bool,
+) -> int:
     """Find out which points DEVICE has, by reading; the result is a profile.
 
     RANGE is FIRST..LAST of indices (slink3), 0xFIRST..0xLAST of parameters
@@ -39,12 +56,20 @@ def discover(common: Common, device: str, where: str | None, output: str, resume
     if path.suffix != ".toml":
         raise UsageError(f"{output}: a profile's file ends in .toml")
     check_place(path, force=common.force)
+    if capture_file is not None:
+        if where is not None or resume:
+            raise UsageError("--from looks at all of a capture: no RANGE, no --resume")
+        return _from_capture(common, device, capture_file, path)
     target = common.target(device)
     head = {"device": str(target.name), "profile": target.profile.name, "range": where}
     unfinished = path.with_name(f"{path.name}.unfinished")
     if common.force and not resume:
         unfinished.unlink(missing_ok=True)
-    with common.connect(target) as connection, State(unfinished, head, resume=resume) as state:
+    with (
+        failure_as_line(str(target.name), common.json),
+        common.connect(target) as connection,
+        State(unfinished, head, resume=resume) as state,
+    ):
         try:
             run = Discovery(connection, where, found=state.found, note=state.add)
             _run(common, run)
@@ -54,6 +79,36 @@ def discover(common: Common, device: str, where: str | None, output: str, resume
         state.remove()
         _report(common, run, path)
     return 0
+
+
+def _from_capture(common: Common, device: str, file: str, path: Path) -> int:
+    name, profile = _named(common, device)
+    found = heard(file, name, profile)
+    for note in found.notes:
+        click.secho(f"{file}: {note}", err=True, fg="yellow")
+    text = toml_text(found.profile(path.stem, Path(file).name), f"Heard in {Path(file).name}")
+    write_whole(text, path)
+    for item in found.points:
+        point = item.description
+        if common.json:
+            line = {"v": 1, "point": point.at, "name": point.name, "type": item.type}
+            facts = {"reads": item.reads, "writes": item.writes, "every": item.every}
+            values = [jsonable(value) for value in item.values]
+            click.echo(json_module.dumps({**line, **facts, "values": values}, ensure_ascii=False))
+        else:
+            click.echo(f"{point.name} ({point.at})   {item.said}")
+    click.echo(f"{path}: {len(found.points)} points heard", err=True)
+    return 0
+
+
+def _named(common: Common, device: str) -> tuple[DeviceName, Profile]:
+    """`PROFILE:ADDRESS`, with or without a port, or a device of the plant file. Raises `UsageError`."""
+    if ":" in device and "@" not in device:
+        profile, address, _ = parse_simulated(device)
+        name = DeviceName(profile, address, "", {})
+        return name, common.profile_of(name)
+    target = common.target(device)
+    return target.name, target.profile
 
 
 def _comment(connection: Connection) -> str:

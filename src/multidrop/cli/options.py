@@ -52,9 +52,10 @@ class Common:
             return self._plant_target(found)
         name = parse_device(device, broadcast=broadcast)
         name = _with_keys(name, self.keys)
-        return Target(name, self._profile(name))
+        return Target(name, self.profile_of(name))
 
-    def _profile(self, name: DeviceName) -> Profile:
+    def profile_of(self, name: DeviceName) -> Profile:
+        """The profile of a device's name, or the one of --profile. Raises `UsageError`."""
         if self.profile:
             return profile_file(Path(self.profile))
         return load_profile(name.profile, self.plant_path())
