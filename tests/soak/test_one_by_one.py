@@ -18,7 +18,7 @@ from multidrop.sim.faults import Fault, ScriptedFaults
 from multidrop.writing import Outcome, Written
 from soak.faulty import Target, WritesSent, faulty_line, targets
 
-LOST = [fault for fault in Fault if fault is not Fault.NOISE]
+LOST = [fault for fault in Fault if fault not in (Fault.NOISE, Fault.TWICE)]
 LATE = 1.6  # later than a master waits on a serial port
 
 

@@ -112,7 +112,7 @@ class Asking:
                 slot.unread += len(data)
             self._take(self._decoder.receive_data(data), now)
             if slot is not None and slot.alone and not slot.answered and slot.unread > GLITCH:
-                self._until = now + RESTED
+                self._until = min(now + RESTED, slot.end + self._patience)
         if self.done or now < self.deadline:
             return b""
         self._take(self._decoder.silence(), now)

@@ -244,6 +244,15 @@ def test_damaged_answers_cost_no_whole_time_out() -> None:
     assert all(later - sooner < 1.0 for sooner, later in pairwise(starts))
 
 
+def test_a_line_that_never_falls_silent_is_no_trap() -> None:
+    ports = Ports(
+        lambda setting: OtherMaster(line().attach(), [b"\x55" * 8], 0.2, first=0.6, unanswered=True)
+    )
+    case = examined(ports, 0)
+    assert len(case.visits[0].asked) == 8
+    assert status_of(judge(case)) == 6
+
+
 def test_the_fault_twice_is_such_a_line() -> None:
     verdict(examined(on(line(DRIVE, faults=[Fault.TWICE] * 2)), 0), What.SAME_ADDRESS)
 
