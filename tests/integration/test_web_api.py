@@ -23,7 +23,9 @@ def running_gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runnin
     before = os.environ.get("MULTIDROP_AUDIT")
     os.environ["MULTIDROP_AUDIT"] = str(folder / "audit.jsonl")
     try:
-        with gateway(folder, '[faults]\npath = "faults"\n') as started:
+        with gateway(
+            folder, '[faults]\npath = "faults"\n[history]\npath = "history.db"\n'
+        ) as started:
             yield started
     finally:
         if before is None:
@@ -161,6 +163,48 @@ def test_the_document_describes_what_is_served(client: Client) -> None:
         kind = client.get(path).headers["content-type"].partition(";")[0]
         assert list(answer["content"]) == [kind]
     assert document["paths"]["/api/write"]["post"]["security"] == [{"token": []}]
+
+
+# -- what was ------------------------------------------------------------------------------------
+
+
+def kept_of(client: Client, path: str) -> Any:
+    """History, once there is some: it is written once a second."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        found = client.get(path)
+        assert found.status == 200, found.body
+        if found.headers["content-type"].startswith("text/csv") or found.json["time"]:
+            return found
+        time.sleep(0.1)
+    raise AssertionError(found.body)
+
+
+def test_history_in_buckets_and_as_csv(client: Client) -> None:
+    start = time.time() - 3600
+    for value in (33, 44):
+        assert client.write("infeed", "feed", value).status == 200
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        path = f"/api/history/infeed/feed?start={start:.3f}&end={time.time() + 60:.3f}&most=500"
+        found = kept_of(client, path).json
+        if found["last"][-1] == 44:
+            break
+        time.sleep(0.1)
+    assert found["last"][-1] == 44
+    assert {len(column) for column in found.values()} == {len(found["time"])}
+    assert len(found["time"]) <= 500
+    assert max(value for value in found["maximum"] if value is not None) >= 44
+    name = f"/api/history.csv?point=infeed/feed&start={start:.3f}&end={time.time() + 60:.3f}"
+    rows = kept_of(client, name).body.decode().splitlines()
+    assert rows[0] == "device,point,time,value,quality"
+    assert rows[-1].startswith("infeed,feed,20")
+    assert rows[-1].endswith(",44,good")
+
+
+def test_a_time_that_is_iso(client: Client) -> None:
+    path = "/api/history/infeed/feed?start=2026-01-01T00:00:00Z&end=2026-01-02T00:00:00%2B01:00"
+    assert client.get(path).json["time"] == []
 
 
 # -- writing -------------------------------------------------------------------------------------
@@ -360,7 +404,17 @@ def test_what_there_is_not(client: Client) -> None:
         ("/api/values?device=nobody", 404),
         ("/api/values?devise=infeed", 400),
         ("/api/lines/nothing/frames", 404),
-        ("/api/history/infeed/speed?start=0&end=1", 404),
+        ("/api/history/infeed/nothing?start=0&end=1", 404),
+        ("/api/history/infeed/speed?start=0", 400),
+        ("/api/history/infeed/speed?start=1&end=1", 400),
+        ("/api/history/infeed/speed?start=0&end=1&most=2001", 400),
+        ("/api/history/infeed/speed?start=0&end=1&most=-1", 400),
+        ("/api/history/infeed/speed?start=0&end=99999999999", 400),
+        ("/api/history/infeed/speed?start=2026-11-22&end=2026-11-23T00:00:00", 400),
+        ("/api/history/infeed/speed?start=%D9%A3&end=9", 400),
+        ("/api/history/infeed/speed?start=0&end=nan", 400),
+        ("/api/history.csv?start=0&end=1", 400),
+        ("/api/history.csv?point=infeed&start=0&end=1", 404),
         ("/api/faults?device=nobody", 404),
         ("/api/faults/infeed/..%2f..%2ftokens", 404),
         ("/api/nothing", 404),

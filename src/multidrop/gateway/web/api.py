@@ -12,6 +12,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 
 from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.store import MOST_BUCKETS
 from multidrop.gateway.web import metrics, past, shapes
 from multidrop.gateway.web.access import Access, Refused
 from multidrop.gateway.web.live import Live
@@ -36,7 +37,7 @@ END = Parameter("end", "the same; not included", required=True)
 MOST = Parameter(
     "most",
     "parts of the time",
-    {"type": "integer", "minimum": 1, "maximum": past.MOST_BUCKETS, "default": past.MOST_BUCKETS},
+    {"type": "integer", "minimum": 1, "maximum": MOST_BUCKETS, "default": MOST_BUCKETS},
 )
 POINTS = Parameter("point", "DEVICE/POINT; may be given more than once", required=True)
 TRIP = Parameter("name", "a freeze-frame, by its name in the list")

@@ -10,16 +10,17 @@ import io
 import re
 from collections.abc import AsyncIterator, Sequence
 from datetime import UTC, datetime
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from multidrop.errors import UsageError
 from multidrop.gateway.faults import Faults
 from multidrop.gateway.freeze_frames import FreezeFrame
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.history import History
+from multidrop.gateway.store import MOST_BUCKETS
 from multidrop.gateway.web.access import Refused
 from multidrop.gateway.web.shapes import utc
 
-MOST_BUCKETS = 2000
 MOST_POINTS = 20
 """In one CSV file."""
 
@@ -30,29 +31,6 @@ LATEST = 32503680000.0
 """The year 3000, s."""
 
 CSV = "text/csv; charset=utf-8"
-
-
-class Bucket(Protocol):
-    """What was in a part of the time; `time` in µs."""
-
-    time: int
-    minimum: int | float | None
-    maximum: int | float | None
-    last: Any
-    count: int
-    gap: bool
-
-
-class History(Protocol):
-    """The part `history`. Times in µs, `end` not included."""
-
-    async def buckets(
-        self, device: str, point: str, start: int, end: int, most: int = ...
-    ) -> Sequence[Bucket]: ...
-
-    async def range(
-        self, device: str, point: str, start: int, end: int, most: int = ...
-    ) -> Sequence[Any]: ...
 
 
 def history_of(gateway: Gateway) -> History:
@@ -99,10 +77,13 @@ def _micro(seconds: float) -> int:
 async def columns(
     history: History, device: str, point: str, start: float, end: float, most: int
 ) -> dict[str, list[Any]]:
-    """Buckets as columns: shorter to send, and as charts want them."""
-    if end <= start:
+    """Buckets as columns: shorter to send, and as charts want them; none of a point without history."""
+    if _micro(end) <= _micro(start):
         raise UsageError("end is not after start")
-    buckets = await history.buckets(device, point, _micro(start), _micro(end), most)
+    known = (device, point) in await history.series()
+    buckets = (
+        await history.buckets(device, point, _micro(start), _micro(end), most) if known else []
+    )
     return {
         "time": [bucket.time / 1e6 for bucket in buckets],
         "minimum": [bucket.minimum for bucket in buckets],
@@ -118,7 +99,10 @@ async def rows(
 ) -> AsyncIterator[str]:
     """CSV, a row for each sample: one point after the other, each in the order of time."""
     yield _row(["device", "point", "time", "value", "quality"])
+    known = await history.series()
     for device, point in points:
+        if (device, point) not in known:
+            continue
         begin = _micro(start)
         while True:
             samples = await history.range(device, point, begin, _micro(end), AT_ONCE)

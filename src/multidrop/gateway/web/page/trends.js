@@ -2,7 +2,7 @@
 
 import { h, number, say } from "./dom.js";
 import { get, save } from "./link.js";
-import { now, store } from "./store.js";
+import { now, store, trust } from "./store.js";
 
 const SPANS = [
   [300, "5 min"], [900, "15 min"], [3600, "1 h"], [8 * 3600, "8 h"], [86400, "1 d"], [7 * 86400, "7 d"], [30 * 86400, "30 d"],
@@ -65,6 +65,11 @@ function withLive(columns, name, start, end) {
     joined.time.push(time);
     for (const column of ["minimum", "maximum", "last"]) joined[column].push(past.values[at]);
   });
+  const last = joined.time.length - 1;
+  if (last >= 0 && end - joined.time[last] > 0 && end - now() > -1 && joined.last[last] !== null && trust(name).kind === "") {
+    joined.time.push(end);
+    for (const column of ["minimum", "maximum", "last"]) joined[column].push(joined.last[last]);
+  }
   return joined;
 }
 
@@ -81,8 +86,9 @@ function chart(unit, names, places, onZoom) {
       const [device, point] = split(name);
       const decimals = Math.max(1, store.past.get(name)?.decimals ?? 3);
       const value = (_, raw) => (raw === null || raw === undefined ? "–" : number(raw, decimals));
-      const limit = { stroke: "transparent", points: { show: false }, show: true, label: "" };
-      series.push({ label: `${device} ${point.replaceAll("_", " ")}`, stroke: shade, width: 2, points: { show: false }, value });
+      const paths = window.uPlot.paths.stepped({ align: 1 }); // a value holds until the next one came
+      const limit = { paths, stroke: "transparent", points: { show: false }, show: true, label: "" };
+      series.push({ label: `${device} ${point.replaceAll("_", " ")}`, stroke: shade, width: 2, paths, points: { show: false }, value });
       series.push(limit, limit);
       bands.push({ series: [3 * at + 3, 3 * at + 2], fill: faint(shade) });
     });
@@ -162,7 +168,8 @@ export function trendsView(query) {
   const note = h("p", { class: "dim small" });
   const area = h("div");
   const node = h("div", {},
-    h("div", { class: "head" }, h("h1", {}, "Trends"), spans, h("span", { class: "row push" }, begin, "to", finish, show)),
+    h("div", { class: "head" }, h("h1", {}, "Trends"), spans,
+      h("details", { class: "push" }, h("summary", {}, "Another time"), h("span", { class: "row" }, begin, "to", finish, show))),
     chips, note, area);
 
   function window_() {
