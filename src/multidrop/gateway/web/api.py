@@ -15,6 +15,7 @@ from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.store import MOST_BUCKETS
 from multidrop.gateway.web import metrics, past, shapes
 from multidrop.gateway.web.access import Access, Refused
+from multidrop.gateway.web.guard import demand_json
 from multidrop.gateway.web.live import Live
 from multidrop.gateway.web.operations import Operation, Parameter, document, listed, ref
 from multidrop.gateway.web.schemas import SCHEMAS, WRITE
@@ -101,6 +102,8 @@ class Api:
         """An operation as a route: rights before it, errors as JSON after it."""
 
         async def answer(request: Request) -> Response:
+            if operation.body is not None:
+                demand_json(request.headers)
             if operation.right is not None:
                 request.state.token = self._access.who(request.headers, operation.right)
             try:

@@ -48,15 +48,13 @@ class Guard:
 
         try:
             self._access.check_origin(headers)
-            if scope["method"] not in ("GET", "HEAD"):
-                _check_body(headers)
         except Refused as refused:
             await refusal(refused)(scope, receive, with_headers)
         else:
             await self._app(scope, _bounded(receive), with_headers)
 
 
-def _check_body(headers: Headers) -> None:
+def demand_json(headers: Headers) -> None:
     """JSON and nothing else: a form of another site cannot send that without being asked first."""
     kind = headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":

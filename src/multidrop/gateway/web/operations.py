@@ -68,6 +68,11 @@ class Operation:
     statuses: tuple[int, ...] = ()
     """Of failures, besides those that any operation can have."""
 
+    def __post_init__(self) -> None:
+        assert (self.method == "GET") == (
+            self.body is None
+        )  # what acts demands a body, which is JSON
+
     @property
     def id(self) -> str:
         words = self.path.strip("/").replace("{", "").replace("}", "").replace(".", "/")

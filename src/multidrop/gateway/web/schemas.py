@@ -27,7 +27,11 @@ def _one_of(words: Any) -> Schema:
 
 
 WRITE: Schema = {
-    **fields(device=TEXT, point=TEXT, value={"type": "number", "description": "physical"}),
+    **fields(
+        device={**TEXT, "examples": ["infeed"]},
+        point={**TEXT, "examples": ["feed"]},
+        value={**NUMBER, "description": "physical", "examples": [12.5]},
+    ),
     "additionalProperties": False,
 }
 
@@ -99,7 +103,10 @@ SCHEMAS: dict[str, Schema] = {
         checked=TIME,
         error=maybe(TEXT),
     ),
-    "PointName": {**fields(device=TEXT, point=TEXT), "additionalProperties": False},
+    "PointName": {
+        **fields(device={**TEXT, "examples": ["infeed"]}, point={**TEXT, "examples": ["speed"]}),
+        "additionalProperties": False,
+    },
     "Reading": fields(
         device=TEXT,
         point=TEXT,

@@ -67,6 +67,28 @@ export async function loadPlant() {
   changed(true);
 }
 
+const REMEMBERED = 80; // points whose last minutes are asked for when the page is opened
+let remembered = false;
+
+/** What was before this page was opened, so that its small trends are whole at once. */
+async function remember() {
+  if (remembered || !store.plant.parts.includes("history")) return;
+  remembered = true;
+  for (const [name, point] of [...store.points].slice(0, REMEMBERED)) {
+    const end = now();
+    const path = `/api/history/${encodeURIComponent(point.device)}/${encodeURIComponent(point.name)}`;
+    const kept = await get(`${path}?start=${(end - 300).toFixed(3)}&end=${end.toFixed(3)}&most=150`).catch(() => null);
+    const past = store.past.get(name);
+    if (!kept || !past) continue;
+    const first = past.times[0] ?? end;
+    const older = kept.time.map((time, at) => [Math.max(time, end - 300), kept.last[at]]).filter(([time, value]) => time < first && typeof value === "number");
+    if (!older.length) continue;
+    past.times.unshift(...older.map(([time]) => time), first - 0.001);
+    past.values.unshift(...older.map(([, value]) => value), older[older.length - 1][1]);
+    changed();
+  }
+}
+
 function take(value) {
   const name = key(value.device, value.point);
   value.at = value.time === null ? null : Date.parse(value.time) / 1000;
@@ -104,6 +126,7 @@ const EVENTS = {
     store.lines = new Map(status.lines.map((line) => [line.name, line]));
     store.health = new Map(status.devices.map((device) => [device.name, device]));
     changed();
+    remember();
   },
   plant() {
     loadPlant().catch(() => {});

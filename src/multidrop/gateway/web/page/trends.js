@@ -18,6 +18,28 @@ const css = (name) => getComputedStyle(document.documentElement).getPropertyValu
 const isDark = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim().startsWith("#e");
 const colour = (place) => COLOURS[isDark() ? "dark" : "light"][place % MOST];
 
+const two = (value) => String(value).padStart(2, "0");
+const DAY = new Intl.DateTimeFormat("en-GB", { day: "numeric", month: "short" });
+
+/** Ticks of the time: the clock of 24 hours, and the day where it is another. */
+function ticks(_, times, __, ___, step) {
+  let before = "";
+  return times.map((time) => {
+    const at = new Date(time * 1000);
+    const day = DAY.format(at);
+    const clock = step >= 86400 ? "" : `${two(at.getHours())}:${two(at.getMinutes())}${step < 60 ? `:${two(at.getSeconds())}` : ""}`;
+    const shown = day === before && clock ? clock : `${clock}\n${day}`.trim();
+    before = day;
+    return shown;
+  });
+}
+
+function moment(_, time) {
+  if (time === null || time === undefined) return "–";
+  const at = new Date(time * 1000);
+  return `${DAY.format(at)} ${at.toLocaleTimeString("en-GB")}`;
+}
+
 function faint(hex) {
   return `${hex}2e`;
 }
@@ -79,7 +101,7 @@ function chart(unit, names, places, onZoom) {
   let plot = null;
   function options(width) {
     const axis = { stroke: css("--dim"), grid: { stroke: css("--line"), width: 1 }, ticks: { stroke: css("--line"), width: 1 }, font: "13px sans-serif" };
-    const series = [{}];
+    const series = [{ label: "time", value: moment }];
     const bands = [];
     names.forEach((name, at) => {
       const shade = colour(places.get(name));
@@ -94,7 +116,7 @@ function chart(unit, names, places, onZoom) {
     });
     return {
       width, height: Math.max(240, Math.min(420, innerHeight / 2.6)), series, bands,
-      axes: [axis, { ...axis, size: 72, values: (_, ticks) => ticks.map((tick) => number(tick, 2)) }],
+      axes: [{ ...axis, values: ticks }, { ...axis, size: 72, values: (_, ticks) => ticks.map((tick) => number(tick, 2)) }],
       cursor: { sync: { key: "trends" }, drag: { x: true, y: false, setScale: false } },
       legend: { live: true },
       scales: { x: { time: true }, y: { range: (_, low, high) => padded(low, high) } },
