@@ -9,7 +9,7 @@ import pytest
 
 from integration.plants import DriveLine, gateway, plant, plugged_in, until
 from integration.writes import logged
-from multidrop.errors import NoReply, PortError, UsageError
+from multidrop.errors import DeviceError, NoReply, PortError, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.permission import NotAllowed
 from multidrop.io.poller import Quality
@@ -102,6 +102,43 @@ def test_only_what_the_plant_allows_is_written_and_all_of_it_recorded(tmp_path: 
     assert [(line["who"], line["outcome"]) for line in refused] == [("eve", "not-sent")] * 7
     assert all(line["error"] for line in refused)
     assert (last["who"], last["outcome"]) == ("ann", "not-sent")
+
+
+def test_what_is_no_number_and_what_comes_too_soon(tmp_path: Path) -> None:
+    async def main() -> None:
+        press = DriveLine("press", 0)
+        limits = "write = { min = 0, max = 150"
+        text = press.toml.replace(limits, f"{limits}, rate = 60")
+        text += 'ratio = { at = "8300:float32", write = { min = 0, max = 1 } }\n'
+        async with plugged_in(press):
+            text = text.replace("tcp://127.0.0.1:0", press.port)
+            async with gateway(tmp_path, text) as running:
+                await until(lambda: qualities(running))
+                for value in (float("nan"), "nan", float("inf"), "-inf"):
+                    with pytest.raises(UsageError):
+                        await running.write("press0", "ratio", value, who="eve", origin="test")
+                await running.write("press0", "feed", "12.5", who="ann", origin="test")
+                with pytest.raises(NotAllowed, match="and may be every 60 s"):
+                    await running.write("press0", "feed", 13, who="ann", origin="test")
+                assert (await running.read("press0", "feed")).value == 12.5
+
+    asyncio.run(main())
+    outcomes = [line["outcome"] for line in logged(tmp_path / "audit.jsonl")]
+    assert outcomes == ["not-sent"] * 4 + ["confirmed", "not-sent"]
+
+
+def test_what_the_device_refuses_is_recorded_once(tmp_path: Path) -> None:
+    async def main() -> None:
+        press = DriveLine("press", 0)
+        press.drives[0].parameters.known[8236, 0].maximum = 500
+        async with plugged_in(press), gateway(tmp_path, press.toml) as running:
+            await until(lambda: qualities(running))
+            with pytest.raises(DeviceError):
+                await running.write("press0", "feed", 60, who="ann", origin="test")
+
+    asyncio.run(main())
+    (line,) = logged(tmp_path / "audit.jsonl")
+    assert (line["who"], line["asked"], line["outcome"]) == ("ann", 60, "not-applied")
 
 
 def test_who_asked_may_go_away_and_the_write_is_ended(tmp_path: Path) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from integration.plants import DriveLine, gateway, plugged_in, simulated_line, until
 from multidrop.gateway.faults import Faults, part
+from multidrop.gateway.freeze_frames import FreezeFrame
 from multidrop.gateway.gateway import Gateway
 from multidrop.protocols.slink3.status import FAULT_RESET
 from multidrop.sim.serve import serve
@@ -157,6 +161,33 @@ def test_a_drive_that_is_silent_after_its_trip(tmp_path: Path) -> None:
     assert found["read"] == []
     assert found["frames"]
     assert found["before"]
+
+
+def test_a_fault_that_is_gone_before_all_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What comes behind it waits until it is whole."""
+
+    async def main() -> None:
+        press = DriveLine("press", 0)
+        async with plugged_in(press):
+            running, faults = watched(tmp_path, press.toml)
+            save = faults.kept.save
+
+            def slowly(frame: FreezeFrame) -> None:
+                time.sleep(0.3)
+                save(frame)
+
+            monkeypatch.setattr(faults.kept, "save", slowly)
+            async with running:
+                await until(lambda: running.device_health("press0").fault is False)
+                trip(press)
+                await until(lambda: running.device_health("press0").fault)
+                clear(press)
+                await until(lambda: newest(faults).get("cleared"))
+                assert newest(faults)["status"] is not None
+
+    asyncio.run(main())
 
 
 def test_a_disk_that_is_full_ends_nothing(tmp_path: Path) -> None:

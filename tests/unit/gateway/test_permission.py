@@ -27,7 +27,7 @@ port = "tcp://127.0.0.1:2"
 [line.axis.device.axis]
 profile = "ultra3000"
 address = 1
-points = { v = "motor_velocity" }
+points = { v = "motor_velocity", enable = "0x6B" }
 [line.axis.device.named]
 profile = "ultra3000"
 address = 2
@@ -74,6 +74,7 @@ def test_a_command_is_one_however_it_is_spelled() -> None:
         Role.UNKNOWN,
         Role.SETTING,
     ]
+    assert role_of(device("axis"), "enable") is Role.COMMAND
 
 
 @pytest.mark.parametrize("value", [0, 150, 12.5, True])
@@ -106,7 +107,7 @@ def test_two_writes_are_a_least_time_apart() -> None:
 
 
 def test_fault_words_of_the_profile_are_polled_too() -> None:
-    assert polled(device("axis")) == {"v": 1.0, "drive_status": 1.0}
+    assert polled(device("axis")) == {"v": 1.0, "enable": 1.0, "drive_status": 1.0}
     assert polled(device("named")) == {"word": 5.0}
     assert polled(device("idle")) == {}
     assert fault_words(device("infeed")) == []

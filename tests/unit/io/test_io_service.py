@@ -423,6 +423,50 @@ def test_when_polling_ends_probing_ends(monkeypatch: pytest.MonkeyPatch) -> None
     in_world(monkeypatch, 1, test)
 
 
+# -- other devices on the same port ----------------------------------------------------------------
+
+
+def test_devices_are_changed_on_the_open_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        world.switch_off(1)
+        options = f"@wire,timeout={TIME_OUT}"
+        async with world.service() as service:
+            async with polling(service, every(service, 1.0)):
+                await asyncio.sleep(5.0)
+                assert service.health.silent == ["d1"]
+            kept = service.device("d0")
+            answers = kept.counters.answers
+            service.change({"d0": f"flexmax:0{options}", "new": f"flexmax:2{options}"})
+            assert service.device("d0") is kept
+            async with polling(service, every(service, 1.0)) as log:
+                await asyncio.sleep(5.0)
+                assert log.qualities("new")[-1] is log.qualities("d0")[-1] is GOOD
+            assert kept.counters.answers > answers
+            assert (service.times_opened, service.health.silent) == (1, [])
+            with pytest.raises(UsageError, match="no device 'd1'"):
+                service.device("d1")
+
+    in_world(monkeypatch, 3, test)
+
+
+def test_what_cannot_be_changed_on_an_open_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(world: World) -> None:
+        async with world.service() as service:
+            devices = dict(service.devices)
+            for name in ("flexmax:0@other", "flexmax:0@wire", "flexmax:0@wire,timeout=1"):
+                with pytest.raises(UsageError, match="of another line, or it has other settings"):
+                    service.change([name])
+            with pytest.raises(UsageError, match="at least one device"):
+                service.change([])
+            async with polling(service, every(service, 1.0)):
+                await asyncio.sleep(0.1)
+                with pytest.raises(UsageError, match="can only be changed once it is not"):
+                    service.change([f"flexmax:0@wire,timeout={TIME_OUT}"])
+            assert service.devices == devices
+
+    in_world(monkeypatch, 1, test)
+
+
 # -- the port ------------------------------------------------------------------------------------
 
 
