@@ -10,7 +10,7 @@ PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wi
 WORLD := tests/integration tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
-.PHONY: demo test check tshark mbpoll chromium soak bench fuzz docs clean
+.PHONY: demo test check tshark mbpoll mosquitto chromium soak bench fuzz docs clean
 
 demo: .venv/gateway
 	@$(BIN)/multidrop demo
@@ -30,11 +30,14 @@ check: .venv/dev
 	$(BIN)/python docs/generate.py --check
 
 # Programs that some tests need; without them those are skipped and say so.
-tshark mbpoll:
-	@command -v $@ >/dev/null || { test "$$(id -u)" = 0 && command -v apt-get >/dev/null; } || \
-	    { echo "$@ is missing; on Debian and Ubuntu: sudo make $@" >&2; exit 1; }
-	@command -v $@ >/dev/null || { apt-get -qq update && \
-	    DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $@; }
+tshark mbpoll mosquitto: PACKAGES = $@
+mosquitto: PACKAGES += mosquitto-clients openssl
+tshark mbpoll mosquitto:
+	@PATH="$$PATH:/usr/sbin"; command -v $@ >/dev/null || { \
+	    test "$$(id -u)" = 0 && command -v apt-get >/dev/null || \
+	        { echo "$@ is missing; on Debian and Ubuntu: sudo make $@" >&2; exit 1; }; \
+	    apt-get -qq update && \
+	        DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $(PACKAGES); }
 
 # What the tests of the page need; without it they are skipped and say so.
 chromium:

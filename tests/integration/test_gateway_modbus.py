@@ -247,7 +247,13 @@ def test_what_is_not_right_is_refused_and_nothing_is_written(
 
 def test_what_is_no_modbus_ends_the_connection_and_no_other(tmp_path: Path) -> None:
     async def check(site: Published, server: ModbusServer) -> None:
-        heads = (b"GET / HTTP/1.1\r\n\r\n", bytes.fromhex("0001 0000 0001 01"), b"\0\1\0\0\0\xff\1")
+        other_protocol = bytes.fromhex("0001 0001 0006 01 03 0000 0001")
+        heads = (
+            other_protocol,
+            b"GET / HTTP/1.1\r\n\r\n",
+            bytes.fromhex("0001 0000 0001 01"),
+            b"\0\1\0\0\0\xff\1",
+        )
         async with bare(server) as other:
             for head in heads:
                 async with bare(server) as one:

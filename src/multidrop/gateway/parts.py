@@ -13,6 +13,7 @@ PARTS: dict[str, str] = {
     "faults": "multidrop.gateway.faults",
     "http": "multidrop.gateway.web",
     "modbus": "multidrop.gateway.modbus",
+    "mqtt": "multidrop.gateway.mqtt",
 }
 """Table -> module with `part(gateway) -> Part`, in the order in which they are started. Imported when needed."""
 

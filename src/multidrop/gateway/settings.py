@@ -60,9 +60,8 @@ class MqttSettings:
     authority: str | None = entry("file of the authority of the broker's certificate, PEM", None)
     topic: str = entry("first part of all topics", "multidrop")
     discovery: str | None = entry("prefix of Home Assistant's discovery, as in homeassistant", None)
+    longest: float = entry("s after which an unchanged state is sent again", 60.0, least=1.0)
     commands: bool = entry("whether points may be written by MQTT", False)
-    outbox: str = entry("file of what waits for a broker that is away", "mqtt-outbox.db")
-    outbox_size: float = entry("MB that may wait there; the oldest go first", 100.0, least=1.0)
 
 
 @dataclass(frozen=True, slots=True)

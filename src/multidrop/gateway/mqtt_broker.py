@@ -1,0 +1,160 @@
+"""The connection to a broker, as the plant file's `[mqtt]` describes it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import ssl
+from collections.abc import Callable
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from multidrop.errors import UsageError
+from multidrop.gateway.mqtt_commands import Command
+from multidrop.gateway.mqtt_topics import OFFLINE
+
+try:
+    import aiomqtt
+    from paho.mqtt.packettypes import PacketTypes
+    from paho.mqtt.properties import Properties
+    from paho.mqtt.subscribeoptions import SubscribeOptions
+except ImportError as missing:  # pragma: no cover - tried without the extra
+    raise UsageError(
+        f"[mqtt] needs {missing.name}, which is not installed: pip install 'multidrop[mqtt]'"
+    ) from None
+
+if TYPE_CHECKING:
+    from multidrop.gateway.settings import MqttSettings
+
+PASSWORD = "MULTIDROP_MQTT_PASSWORD"
+"""Environment variable that has the password where no file is named."""
+
+KEEPALIVE = 15
+"""s after which a broker that says nothing is asked whether it is there."""
+
+TIMEOUT = 10.0
+"""s in which the broker has to take or confirm something."""
+
+ANSWER_EXPIRY = 60
+"""s that a broker keeps an answer for somebody who is away."""
+
+QUIET = logging.getLogger("multidrop.mqtt")
+QUIET.addHandler(logging.NullHandler())
+
+
+class Broker:
+    """Where a broker is, and what it takes to connect. Raises `UsageError` where a file is no good."""
+
+    def __init__(self, settings: MqttSettings, place: Callable[[str], Path]) -> None:
+        self._settings = settings
+        self._tls = _tls(settings, place)
+        self._password = _password(settings, place)
+
+    def __str__(self) -> str:
+        return f"{self._settings.host}:{self._settings.port}"
+
+    @property
+    def gives_away(self) -> bool:
+        """Whether a password goes over a network unencrypted."""
+        return bool(self._password) and self._tls is None and not _loopback(self._settings.host)
+
+    def client(self, status: str) -> aiomqtt.Client:
+        """A client that is not connected yet; `status` is the topic of its last will.
+
+        Its session ends with its connection.
+        """
+        session = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+        session.SessionExpiryInterval = 0
+        return aiomqtt.Client(
+            self._settings.host,
+            self._settings.port,
+            username=self._settings.user,
+            password=self._password,
+            protocol=aiomqtt.ProtocolVersion.V5,
+            clean_start=True,
+            properties=session,
+            will=aiomqtt.Will(status, OFFLINE, qos=1, retain=True),
+            tls_context=self._tls,
+            timeout=TIMEOUT,
+            keepalive=KEEPALIVE,
+            logger=QUIET,
+        )
+
+
+KEPT = SubscribeOptions(qos=1, noLocal=True)
+"""For what the broker keeps."""
+
+FRESH = SubscribeOptions(qos=2, retainAsPublished=True)
+"""As published: else the broker would hide that a message is a retained one."""
+
+
+async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOptions) -> None:
+    """Raises `MqttError` where the broker does not allow it."""
+    codes = await client.subscribe(topic, options=options)
+    for code in codes:
+        if not isinstance(code, int) and code.is_failure:
+            raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
+
+
+def command_of(topic: str, message: aiomqtt.Message) -> Command:
+    """What of a message makes it a command."""
+    facts = message.properties
+    return Command(
+        topic,
+        bytes(message.payload),
+        message.retain,
+        getattr(facts, "MessageExpiryInterval", None),
+        getattr(facts, "ResponseTopic", None),
+        getattr(facts, "CorrelationData", None),
+    )
+
+
+def answer_properties(correlation: bytes | None) -> Properties:
+    """Those of an answer to a command with this correlation data."""
+    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+    properties.MessageExpiryInterval = ANSWER_EXPIRY
+    if correlation is not None:
+        properties.CorrelationData = correlation
+    return properties
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _tls(settings: MqttSettings, place: Callable[[str], Path]) -> ssl.SSLContext | None:
+    """Raises `UsageError` where the authority's certificate cannot be used."""
+    if not settings.tls:
+        if settings.authority is not None:
+            raise UsageError("mqtt.authority is given, but not tls = true")
+        return None
+    path = place(settings.authority) if settings.authority else None
+    try:
+        return ssl.create_default_context(cafile=path)
+    except OSError as error:
+        raise UsageError(f"mqtt.authority {path}: {error.strerror or error}") from None
+
+
+def _password(settings: MqttSettings, place: Callable[[str], Path]) -> str | None:
+    """Of the file, else of the environment. Raises `UsageError`."""
+    if settings.password is None:
+        return os.environ.get(PASSWORD) if settings.user is not None else None
+    if settings.user is None:
+        raise UsageError("mqtt.password is given, but no user")
+    path: Path = place(settings.password)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise UsageError(f"mqtt.password {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"mqtt.password {path}: not UTF-8 text") from None
+    if not lines or not lines[0]:
+        raise UsageError(f"mqtt.password {path}: its first line is empty")
+    return lines[0]
+
+
+__all__ = ["FRESH", "KEPT", "Broker", "aiomqtt", "answer_properties", "command_of", "subscribe"]
