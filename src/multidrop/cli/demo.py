@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from shutil import which
 
@@ -65,8 +64,10 @@ def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | 
 
 def _has_page() -> bool:
     """Whether the extra is installed; says so where it is not."""
+    from multidrop.gateway.web import demand_installed
+
     try:
-        import_module("multidrop.gateway.web")
+        demand_installed()
     except UsageError as missing:
         click.echo(f"no page: {missing}", err=True)
         return False

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from multidrop.errors import UsageError
 from multidrop.gateway.polled import polled, role_of, target_of
-from multidrop.gateway.settings import survey_settings
+from multidrop.gateway.settings import Settings, survey_settings
+from multidrop.gateway.web.access import place_of
 from multidrop.io.connection import Target
 from multidrop.io.polling import Plan, Wanted
 from multidrop.io.service import settings_of_line
@@ -46,7 +47,9 @@ def check(plant: Plant) -> Checked:
     checking.ports_differ()
     if not plant.lines and not plant.wrong:
         checking.wrong.append(f"{plant.file} has no lines")
-    wrong = (*plant.wrong, *survey_settings(plant).wrong, *checking.wrong)
+    settings = survey_settings(plant)
+    checking.listening(settings)
+    wrong = (*plant.wrong, *settings.wrong, *checking.wrong)
     return Checked(tuple(line for line in lines if line is not None), wrong)
 
 
@@ -151,6 +154,14 @@ class _Checking:
             )
         for value in (point.write.minimum, point.write.maximum):
             worked_out.prepare_write(name, value)
+
+    def listening(self, settings: Settings) -> None:
+        """Where the page would be, and for whom."""
+        try:
+            if settings.http is not None:
+                place_of(settings)
+        except UsageError as error:
+            self.wrong.append(f"{self._plant.file}: {error}")
 
     def ports_differ(self) -> None:
         """Two names for one port, as a device and the link to it."""

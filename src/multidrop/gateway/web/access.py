@@ -120,7 +120,8 @@ class Access:
                 421, f"this server is not called {host!r}: add the name to names in [http]"
             )
         origin = headers.get("origin")
-        if origin is not None and origin.lower() != f"{self._place.scheme}://{host}".lower():
+        own = {f"{self._place.scheme}://{host}".lower(), f"https://{host}".lower()}
+        if origin is not None and origin.lower() not in own:  # https: a proxy stands before us
             raise Refused(403, f"requests of other sites are refused: {origin!r}")
         if (
             headers.get("sec-fetch-site") in ("cross-site", "same-site")
