@@ -23,7 +23,7 @@ from integration.published import DEVICES, Published, published, ran
 from integration.threads import simulated
 from integration.writes import logged
 from multidrop.errors import UsageError
-from multidrop.gateway import mqtt
+from multidrop.gateway import mqtt, mqtt_broker
 from multidrop.gateway.mqtt import Mqtt
 
 TORQUE = "multidrop/infeed/torque"
@@ -612,15 +612,51 @@ def test_tls_and_a_broker_that_is_somebody_else(tmp_path: Path) -> None:
         (['password = "nowhere"', 'user = "x"'], "No such file"),
         (['password = "nowhere"'], "mqtt.password is given, but no user"),
         (["tls = true", 'authority = "nowhere"'], "No such file"),
+        (["tls = true", 'authority = "multidrop.toml"'], "mqtt.authority"),
+        (['password = "multidrop.toml"', 'user = "x"'], "its first line is empty"),
         (['authority = "nowhere"'], "but not tls = true"),
     ],
 )
 def test_settings_that_cannot_be_are_refused_at_the_start(
     tmp_path: Path, more: list[str], said: str
 ) -> None:
+    (tmp_path / "multidrop.toml").write_text("\n")
+
     async def check() -> None:
         async with published(tmp_path, tables(1, *more)):
             pass
 
     with pytest.raises(UsageError, match=re.escape(said)):
         asyncio.run(check())
+
+
+@pytest.mark.parametrize("place", ['host = ""\nport = 1883', 'host = "x"\nport = 65536'])
+def test_a_broker_that_can_be_nowhere_is_refused(tmp_path: Path, place: str) -> None:
+    async def check() -> None:
+        async with published(tmp_path, f"[mqtt]\n{place}\n"):
+            pass
+
+    with pytest.raises(UsageError, match="there is no broker at"):
+        asyncio.run(check())
+
+
+def test_a_password_that_goes_over_a_network_in_clear_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MULTIDROP_MQTT_PASSWORD", SECRET)
+    monkeypatch.setattr(mqtt_broker.Broker, "client", _nowhere)
+
+    async def said(host: str, *more: str) -> list[str]:
+        text = "\n".join(["[mqtt]", f'host = "{host}"', 'user = "press"', *more, ""])
+        async with published(tmp_path, text) as site:
+            await site.until(lambda: any("is away" in text for text in site.said))
+            return [text for text in site.said if "unencrypted" in text]
+
+    warned = "mqtt: the password goes to broker.example:1883 unencrypted: set tls = true"
+    assert asyncio.run(said("broker.example")) == [warned]
+    assert asyncio.run(said("broker.example", "tls = true")) == []
+    assert asyncio.run(said("127.0.0.1")) == []
+
+
+def _nowhere(self: object, status: str) -> aiomqtt.Client:
+    raise aiomqtt.MqttError("nobody there")

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 PASSWORD = "MULTIDROP_MQTT_PASSWORD"
 """Environment variable that has the password where no file is named."""
 
+HIGHEST_PORT = 65535
+
 KEEPALIVE = 15
 """s after which a broker that says nothing is asked whether it is there."""
 
@@ -44,9 +46,11 @@ QUIET.addHandler(logging.NullHandler())
 
 
 class Broker:
-    """Where a broker is, and what it takes to connect. Raises `UsageError` where a file is no good."""
+    """Where a broker is, and what it takes to connect. Raises `UsageError` for what cannot be."""
 
     def __init__(self, settings: MqttSettings, place: Callable[[str], Path]) -> None:
+        if not settings.host or settings.port > HIGHEST_PORT:
+            raise UsageError(f"mqtt: there is no broker at {settings.host!r}, port {settings.port}")
         self._settings = settings
         self._tls = _tls(settings, place)
         self._password = _password(settings, place)
