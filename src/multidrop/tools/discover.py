@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from statistics import median
+from statistics import fmean
 from typing import Any
 
 from multidrop.conversation import Conversation
@@ -25,7 +25,7 @@ from multidrop.points import PointDescription
 from multidrop.profile import Profile
 from multidrop.sweeping import Sweep
 
-PROBES = 64
+PROBES = 128
 """Places, evenly spread, that are looked at first; the time for the others follows from them."""
 GONE = 3
 """So many places in a row without a reply: then one that answered is asked, to see who is silent."""
@@ -66,7 +66,7 @@ class Meter:
         """Of `share` times as many messages as were measured."""
         if not self.answers:
             return 0.0
-        each = median(self.answers) + median(self.rests)
+        each = fmean(self.answers) + fmean(self.rests)
         return share * (self.messages * each + self.characters * self._character)
 
 
