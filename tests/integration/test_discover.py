@@ -24,7 +24,7 @@ from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, RandomFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
 from multidrop.sim.slink3 import Parameters, SimulatedSlave
-from multidrop.tools.discover import Discovery, discover
+from multidrop.tools.discover import Discovery, discover, spread
 from multidrop.tools.discovery_state import State
 
 TYPES = ("int16", "uint16", "int32", "uint32", "float32", "string")
@@ -105,7 +105,7 @@ def test_json(tmp_path: Path) -> None:
         device = address.device("flexmax:1")
         ran = multidrop("discover", device, "9000..9002", "-o", "a.toml", "--json", cwd=tmp_path)
     before, after = ran.objects
-    assert (before["places"], before["left"], ran.err) == (3, 0, "")
+    assert (before["places"], before["left"], ran.err) == (3, 2, "")
     assert (after["found"], after["known"], after["unanswered"]) == (1, 0, [])
     assert after["file"] == "a.toml"
 
@@ -117,9 +117,16 @@ def test_the_time_is_said_before(tmp_path: Path) -> None:
         run = Discovery(connection, "9000..9255")
         seconds = run.estimate()
         left = len(run.left)
-    assert left == 128
+    assert left == 256 - 32
     # 11 and 8 characters, or 11 and up to 13, several times; 3 ms, and the gap
     assert left * 0.020 < seconds < left * 0.060
+
+
+@pytest.mark.parametrize(("places", "count"), [(1, 1), (2000, 250), (65536, 256), (0, 0)])
+def test_what_is_looked_at_first_is_spread(places: int, count: int) -> None:
+    chosen = spread(range(places), count)
+    assert len(set(chosen)) == count
+    assert [place * count // places for place in chosen] == list(range(count))
 
 
 # -- interrupted -------------------------------------------------------------------------------
@@ -131,13 +138,13 @@ def test_an_interrupted_discovery_goes_on(tmp_path: Path) -> None:
     with on_a_line(DRIVE, pace=pace) as address:
         arguments = ("discover", address.device("flexmax:1"), "8900..9099", "-o", out)
         with running(*arguments) as program:
-            program.wait_for("200 indices, 8900 to 9099: about")
+            program.wait_for("8900 to 9099: about")
             ended = program.interrupt()
         assert ended.status == 130
         assert "the same command with --resume goes on" in ended.err
         state = tmp_path / "found.toml.unfinished"
         kept = len(state.read_text().splitlines()) - 1
-        assert 50 <= kept < 200
+        assert 25 <= kept < 200
         assert not Path(out).exists()
 
         again = multidrop(*arguments)

@@ -117,6 +117,8 @@ def _comment(connection: Connection) -> str:
 
 def _run(common: Common, run: Discovery) -> None:
     places = run.sweep.places
+    if not common.json:
+        click.echo(f"looking at some of {len(places):,} {run.sweep.what} ...", err=True)
     seconds = run.estimate()
     left = len(run.left)
     if common.json:
@@ -126,7 +128,7 @@ def _run(common: Common, run: Discovery) -> None:
     else:
         first, last = run.sweep.where(places[0]), run.sweep.where(places[-1])
         click.echo(
-            f"{len(places):,} {run.sweep.what}, {first} to {last}: "
+            f"{first} to {last}: "
             + (f"about {duration(seconds)} for the {left:,} that are left" if left else "done"),
             err=True,
         )

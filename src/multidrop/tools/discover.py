@@ -25,10 +25,16 @@ from multidrop.points import PointDescription
 from multidrop.profile import Profile
 from multidrop.sweeping import Sweep
 
-PROBES = 128
-"""Places, evenly spread, that are looked at first; the time for the others follows from them."""
+PROBES = 256
+"""Places, spread over all, that are looked at first; the time for the others follows from them."""
+LEAST_SHARE = 8
+"""At most one place in so many is looked at first."""
+GOLDEN = 0.618034  # whose multiples fall nowhere twice
 GONE = 3
 """So many places in a row without a reply: then one that answered is asked, to see who is silent."""
+
+HOPELESS = 64
+"""So many places that all went wrong, and nothing else came."""
 
 Note = Callable[[int, list[PointDescription]], None]
 
@@ -123,11 +129,10 @@ class Discovery:
         """
         self._begin()
         left = self.left
-        step = -(-len(left) // PROBES) or 1
+        probes = spread(left, min(PROBES, -(-len(left) // LEAST_SHARE)))
         meter = Meter(self.connection.target.settings.character)
         taps = self.connection.line.taps
         taps.append(meter)
-        probes = left[step // 2 :: step]
         try:
             for place in probes:
                 self._look(place)
@@ -173,7 +178,7 @@ class Discovery:
     def _note_failure(self, error: Error) -> None:
         """Silence may be how a device says that nothing is there; one that says nothing has gone."""
         if not isinstance(error, NoReply):
-            if self._witness is None and len(self.failed) == PROBES:
+            if self._witness is None and len(self.failed) == HOPELESS:
                 raise error
             return
         self._silent += 1
@@ -216,6 +221,12 @@ class Discovery:
             version="",
             points=named([*elsewhere, *self.points]),
         )
+
+
+def spread(places: Sequence[int], count: int) -> list[int]:
+    """`count` of the places, one of each of as many stretches, not at equal distances."""
+    step = len(places) / count if count else 0.0
+    return [places[int((number + number * GOLDEN % 1) * step)] for number in range(count)]
 
 
 def named(points: Sequence[PointDescription]) -> dict[str, PointDescription]:
