@@ -183,10 +183,11 @@ class Connection:
             answer = answer[: len(answer) // 2]
         elif fault is Fault.NOISE:
             answer = NOISE + answer
-        elif fault is Fault.GAP:
+        elif fault is Fault.GAP:  # the line is free until the other half comes
             half = len(answer) // 2
             self._queue(answer[:half], max(at, self._line.free_at))
-            answer, at = answer[half:], self._line.free_at + GAP
+            self._put_bytes(answer[half:], self._line.free_at + GAP)
+            return
         elif fault is Fault.TWICE:  # a second device with this address
             self._queue(answer, max(at, self._line.free_at))
         elif fault is not None:
