@@ -26,7 +26,8 @@ from multidrop.errors import UsageError
 from multidrop.naming import LINE_KEYS, DeviceName
 from multidrop.plant import Limits, Plant, PlantDevice, PlantPoint
 from multidrop.points import Role
-from multidrop.profile import PointDescription, Profile, nearest
+from multidrop.profile import OfProfile, PointDescription, Profile, nearest
+from multidrop.protocols import PROTOCOLS
 
 TABLES = ("http", "history", "mqtt", "modbus", "faults")
 """What stands beside the lines: the parts of a gateway. `gateway/settings.py` reads them."""
@@ -314,12 +315,15 @@ def _without(
 
 
 def _known_there(at: str, profile: Profile) -> PointDescription | None:
-    """What the profile knows of the same place, by its name or its number: its role above all."""
-    place = at.partition(":")[0].lower()
-    for item in profile.points.values():
-        if at == item.name or place == item.at.partition(":")[0].lower():
-            return item
-    return None
+    """What the profile knows of the same place, however that is spelled: its role above all."""
+    try:
+        return _speaker(profile).point(at).description
+    except UsageError:  # `check` says so; here nothing is known of it
+        return None
+
+
+_speaker = OfProfile(lambda profile: PROTOCOLS[profile.protocol].device(0, profile, {}))
+"""A device of the profile: it finds a point by its name and by its number."""
 
 
 __all__ = [

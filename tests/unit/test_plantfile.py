@@ -161,6 +161,22 @@ def test_the_tables_of_the_gateway_are_left_to_it() -> None:
     assert [device.name for device in found.on("press")] == ["infeed", "unwinder"]
 
 
+@pytest.mark.parametrize("place", ["0x06B", "0x6B", "0x06b", "0x006B", "drive_enable"])
+def test_a_command_is_one_however_its_place_is_spelled(place: str) -> None:
+    text = f'''
+        [line.axis]
+        port = "/dev/ttyUSB1"
+        [line.axis.device.servo]
+        profile = "ultra3000"
+        address = 0
+        [line.axis.device.servo.points]
+        go = "{place}"
+        '''
+    servo = parse_plant(text, "x.toml", load_profile).find("servo")
+    point = servo.profile.points["go"]
+    assert point.role is Role.COMMAND
+
+
 def test_two_lines_cannot_have_one_port() -> None:
     with pytest.raises(UsageError, match="is the port of another line too"):
         plant(PLANT + '[line.other]\nport = "/dev/ttyUSB0"\n')
