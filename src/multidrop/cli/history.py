@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO
@@ -71,10 +71,8 @@ def export(
         raise UsageError("--to is not after --from")
     if output is not None and Path(output).exists() and not force:
         raise UsageError(f"{output} exists; use --force to overwrite it")
-    with _store(config) as store:
-        gaps = store.gaps(first, last)
-        samples = store.range(device, point, first, last)
-        rows = _rows(samples, gaps)
+    with _store(config) as store, closing(store.range(device, point, first, last)) as samples:
+        rows = _rows(samples, store.gaps(first, last))
         head = next(rows, None)  # an unknown point leaves no file
         with _written(output) as file:
             table = csv.writer(file, lineterminator="\n")

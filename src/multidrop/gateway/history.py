@@ -10,6 +10,7 @@ import asyncio
 import uuid
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -75,6 +76,8 @@ class History:
         self._asking = ThreadPoolExecutor(1, "history-ask")
         self._newest = 0
         self._error: str | None = None
+        self.recorded = 0  # samples in this run
+        self.written = 0  # of them: safe in the store, or on their way in its outbox
 
     # -- what comes ----------------------------------------------------------------------------
 
@@ -92,6 +95,7 @@ class History:
         """Record these as they are, in the order in which they happened."""
         for sample in samples:
             self._newest = sample.time
+            self.recorded += 1
             self._batching.take((sample,))
 
     async def run(self) -> None:
@@ -125,6 +129,7 @@ class History:
         else:
             self._error = None
             self._batching.written(len(batches))
+            self.written += sum(len(batch.rows) for batch in batches)
 
     async def _end(self, now: float) -> None:
         await self._write(now, stop=True)
@@ -149,9 +154,12 @@ class History:
         self, device: str, point: str, start: int, end: int, most: int = MOST_SAMPLES
     ) -> list[Sample]:
         """The first `most` samples in `start` <= time < `end` (µs), in order."""
-        return await self._ask(
-            lambda: list(islice(self.store.range(device, point, start, end), most))
-        )
+
+        def first() -> list[Sample]:
+            with closing(self.store.range(device, point, start, end)) as samples:
+                return list(islice(samples, most))
+
+        return await self._ask(first)
 
     async def buckets(
         self, device: str, point: str, start: int, end: int, most: int = MOST_BUCKETS

@@ -103,17 +103,7 @@ class PostgresStore(Store):
 
     def write(self, batches: Sequence[Batch], forget: int | None = None) -> None:
         assert self._outbox is not None, "this store was opened for reading"
-        self._outbox.put(
-            [
-                (
-                    pack(batch),
-                    batch.rows[0].time if batch.rows else batch.until,
-                    batch.until,
-                    len(batch.rows),
-                )
-                for batch in batches
-            ]
-        )
+        self._outbox.put([(pack(batch), *_times(batch), len(batch.rows)) for batch in batches])
         self._forget = forget
         self._wake.set()
 
@@ -247,6 +237,13 @@ class PostgresStore(Store):
             at -= 1
         code = GOOD if chunk.codes is None else chunk.codes[at]
         return found, Chunk([chunk.times[at]], [chunk.values[at]], [code])
+
+
+def _times(batch: Batch) -> tuple[int, int]:
+    """Of the first and the last row."""
+    if not batch.rows:
+        return batch.until, batch.until
+    return batch.rows[0].time, batch.rows[-1].time
 
 
 def _chunk(

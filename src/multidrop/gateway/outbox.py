@@ -136,6 +136,13 @@ class Outbox:
     def done(self, number: int) -> None:
         """Everything up to this number was delivered."""
         with self._lock:
+            size, count = self._file.execute(
+                "SELECT coalesce(sum(length(data)), 0), coalesce(sum(samples), 0) FROM records "
+                "WHERE number > ? AND number <= ?",
+                (self._delivered, number),
+            ).fetchone()
+            self._size -= size
+            self._count -= count
             self._delivered, self._taken = max(self._delivered, number), 0
 
     def put_back(self) -> None:
@@ -154,14 +161,7 @@ class Outbox:
             self._file.close()
 
     def _forget_delivered(self) -> None:
-        row = self._file.execute(
-            "SELECT coalesce(sum(length(data)), 0), coalesce(sum(samples), 0) FROM records "
-            "WHERE number <= ?",
-            (self._delivered,),
-        ).fetchone()
         self._file.execute("DELETE FROM records WHERE number <= ?", (self._delivered,))
-        self._size -= row[0]
-        self._count -= row[1]
 
     def _bound(self) -> None:
         """The oldest go, except what is just being delivered, and the next one says what went."""
@@ -169,7 +169,7 @@ class Outbox:
             rows = self._file.execute(
                 "SELECT number, length(data), first, last, samples, lost_from, lost_until, lost "
                 "FROM records WHERE number > ? ORDER BY number LIMIT 2",
-                (self._taken,),
+                (max(self._taken, self._delivered),),
             ).fetchall()
             if len(rows) < 2:
                 return

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sqlite3
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -78,6 +78,11 @@ class Store(ABC):
     def state(self) -> StoreState:
         return StoreState()
 
+    @property
+    def delivered(self) -> bool:
+        """Whether everything that was written can be asked for."""
+        return True
+
     # -- what a store fetches ------------------------------------------------------------------
 
     @abstractmethod
@@ -128,8 +133,8 @@ class Store(ABC):
         finally:
             self._done()
 
-    def range(self, device: str, point: str, start: int, end: int) -> Iterator[Sample]:
-        """All samples in `start` <= time < `end`, in the order in which they happened."""
+    def range(self, device: str, point: str, start: int, end: int) -> Generator[Sample, None, None]:
+        """All samples in `start` <= time < `end`, in the order in which they happened; close it."""
         self._snapshot()
         try:
             series = self._known(device, point)

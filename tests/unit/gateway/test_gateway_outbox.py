@@ -41,6 +41,7 @@ def test_what_was_delivered_does_not_come_again(outbox: Outbox) -> None:
     assert not outbox.delivered
     outbox.done(first.number)
     assert numbers(outbox) == [2]
+    assert (outbox.size, outbox.samples) == (10, 10)
     outbox.done(outbox.take()[0].number)
     assert outbox.delivered
     assert numbers(outbox) == []
