@@ -366,6 +366,20 @@ def test_a_reload_adds_points_and_moves_none(tmp_path: Path) -> None:
     run(tmp_path, check)
 
 
+def test_writes_from_other_machines_are_warned_of(tmp_path: Path) -> None:
+    async def said(*more: str) -> list[str]:
+        text = "\n".join(["[modbus]", 'listen = "0.0.0.0:0"', *more, ""])
+        async with published(tmp_path, text) as site:
+            server = site.gateway.parts["modbus"]
+            assert isinstance(server, ModbusServer)
+            await site.until(lambda: bool(server.port))
+            return [text.replace(server.port, "PORT") for text in site.said]
+
+    warned = "modbus: whoever reaches PORT may write: it has no passwords"
+    assert asyncio.run(said("writes = true")) == ["modbus on PORT", warned]
+    assert asyncio.run(said()) == ["modbus on PORT"]
+
+
 def test_an_address_that_is_taken_ends_the_gateway(tmp_path: Path) -> None:
     async def check(site: Published, server: ModbusServer) -> None:
         (tmp_path / "second").mkdir()

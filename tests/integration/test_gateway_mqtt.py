@@ -28,6 +28,8 @@ from multidrop.gateway.mqtt import Mqtt
 
 TORQUE = "multidrop/infeed/torque"
 SET = f"{TORQUE}/set"
+SLOW = DEVICES.replace('8511:uint16", every = 0.2', '8511:uint16", every = 9000')
+"""With a point that is read once and then not for hours."""
 
 
 def tables(port: int, *more: str) -> str:
@@ -229,8 +231,9 @@ def test_the_broker_is_killed_and_comes_back(
     monkeypatch.setattr(mqtt, "LONGEST_PAUSE", 0.5)
 
     async def check(mosquitto: Broker) -> None:
-        async with connected(tmp_path, mosquitto) as site:
+        async with connected(tmp_path, mosquitto, devices=SLOW) as site:
             port = f"127.0.0.1:{mosquitto.port}"
+            await site.until_value("infeed", "bus_address", 0)
             await asyncio.to_thread(mosquitto.kill)
             await site.until(lambda: any("is away" in text for text in site.said))
             for value in (3, 4, 5):
@@ -241,6 +244,7 @@ def test_the_broker_is_killed_and_comes_back(
                 await watching.until("multidrop/status", lambda status: status == "online")
                 await watching.until("multidrop/unwinder/tension")
                 await watching.until(TORQUE, lambda state: state["value"] == 5)
+                await watching.until("multidrop/infeed/bus_address", lambda s: s["value"] == 0)
                 torques = [m for m in watching.messages if str(m.topic) == TORQUE]
                 assert [json.loads(m.payload)["value"] for m in torques] == [5]
             said = [text for text in site.said if "mqtt" in text]
@@ -307,7 +311,6 @@ def test_what_the_broker_has_of_another_day_is_gone_before_the_gateway_is_online
     tmp_path: Path,
 ) -> None:
     """Even of a point that is not read for hours."""
-    slow = DEVICES.replace('8511:uint16", every = 0.2', '8511:uint16", every = 9000')
 
     async def check(mosquitto: Broker) -> None:
         place = "multidrop/infeed/bus_address"
@@ -315,7 +318,7 @@ def test_what_the_broker_has_of_another_day_is_gone_before_the_gateway_is_online
             old = json.dumps({"value": 99, "unit": None, "quality": "good", "time": "2026-01-01"})
             await watching.client.publish(place, old, qos=1, retain=True)
             await watching.until(place, lambda state: state["value"] == 99)
-            async with published(tmp_path, tables(mosquitto.port), slow) as site:
+            async with published(tmp_path, tables(mosquitto.port), SLOW) as site:
                 site.line.devices.clear()
                 await watching.until("multidrop/status", lambda status: status == "online")
                 topics = [str(message.topic) for message in watching.messages]

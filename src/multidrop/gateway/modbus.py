@@ -96,6 +96,8 @@ class ModbusServer:
         listener = await listen(f"tcp://{self.settings.listen}", self._answer)
         self.port = listener.port.removeprefix("tcp://")
         self.gateway.say(f"modbus on {self.port}")
+        if self.settings.writes and not listener.loopback:
+            self.gateway.say(f"modbus: whoever reaches {self.port} may write: it has no passwords")
         try:
             await asyncio.get_running_loop().create_future()
         finally:
