@@ -14,6 +14,7 @@ from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.parts import add_parts
 from multidrop.gateway.settings import settings_of
 from multidrop.gateway.values import Update
+from multidrop.io.poller import Polled, Quality
 from multidrop.plantfile import Plant, parse_plant
 from multidrop.protocols import slink3
 from multidrop.sim.line import Pace, SimulatedLine
@@ -24,7 +25,7 @@ DEVICES = """
 [line.press]
 port = "{port}"
 baud = 115200
-timeout = 0.3
+timeout = 1
 attempts = 1
 
 [line.press.device.infeed]
@@ -78,6 +79,12 @@ class Published:
             return update is not None and update.good and update.value == value
 
         await self.until(right)
+
+    async def read_now(self, device: str, point: str) -> None:
+        """As if it were polled just now: a point that is polled rarely may not be for long."""
+        place = self.gateway.line_of(device).service.device(device).device.point(point)
+        reading = await self.gateway.read(device, point)
+        self.gateway.values.take(Polled(device, place, Quality.GOOD, reading.time, reading))
 
     async def until_said(self, device: str, point: str, quality: str) -> None:
         def right() -> bool:
