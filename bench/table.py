@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench import backup, datalink, service, ultra3000
+from bench import backup, datalink, history, service, ultra3000
 from bench.codec import decoding, encoding
 from bench.decode import decoding_captures
 from bench.many_lines import many_lines
@@ -34,6 +34,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "lines": many_lines,
     "share": share,
     "service": service.rows,
+    "history": history.rows,
     "scan": scan,
     "backup": backup.rows,
     "startup": startup,
