@@ -22,6 +22,7 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
+from math import isnan
 from types import NoneType
 from typing import Any
 
@@ -94,7 +95,7 @@ def _unpack_values(packed: bytes, value_type: str, count: int) -> tuple[Sequence
     numbers, _ = _unplane(packed, value_type, count)
     if value_type != "d":
         return numbers, True
-    if any(number != number for number in numbers):
+    if isnan(sum(numbers)):  # there is a NaN among them, or both infinities
         return [whole(number) for number in numbers], False
     return numbers, True
 
