@@ -136,5 +136,5 @@ def gateway(folder: Path, more: str = "", plant: str = PLANT) -> Iterator[Runnin
         writer = multidrop("token", "tester", "--write", "-o", tokens).out.strip()
         reader = multidrop("token", "reader", "-o", tokens).out.strip()
         with running("run", str(file)) as program:
-            url = program.wait_for("http://")
+            url = program.wait_for("://")
             yield RunningGateway(Client(url, writer), program, folder, reader)

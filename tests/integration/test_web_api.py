@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import http.client
 import json
 import os
+import shutil
 import socket
+import ssl
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from integration.gateways import Answer, Client, RunningGateway, gateway
+from integration.gateways import PLANT, Answer, Client, RunningGateway, gateway
 from integration.processes import PATIENCE, multidrop
 
 
@@ -115,6 +120,23 @@ def test_values_as_they_come(client: Client) -> None:
                 assert {item["device"] for item in data} == {"infeed"}
             if seen.get("values", 0) > 5 and seen.get("status", 0) > 1:
                 break
+
+
+def test_a_hundred_listeners(client: Client) -> None:
+    """All of them hear what is new, those who never read harm nobody, and no poll is left out."""
+    before = client.get("/api/status").json["lines"][0]
+    with contextlib.ExitStack() as opened:
+        streams = [opened.enter_context(client.stream("/api/events")) for _ in range(100)]
+        value = 100 + before["counters"]["requests"] % 40
+        assert client.write("infeed", "feed", value).status == 200
+        for events in streams[::10]:
+            for name, data in events:
+                if name == "values" and any(item["value"] == value for item in data):
+                    break
+        after = client.get("/api/status").json["lines"][0]
+    assert after["missed"] == before["missed"]
+    assert after["counters"]["no_reply"] == 0
+    assert after["counters"]["answers"] > before["counters"]["answers"]
 
 
 def test_a_write_is_seen_by_those_who_listen(client: Client) -> None:
@@ -503,3 +525,38 @@ def test_a_token_that_was_taken_back(running_gateway: RunningGateway) -> None:
     tokens.write_text(text[: text.index("[gone]")], "utf-8")
     assert client.get("/api/rights", authorization=f"Bearer {gone}").status == 401
     assert client.get("/api/rights", authorization=f"Bearer {client.token}").status == 200
+
+
+def test_other_machines_with_token_and_tls(tmp_path: Path) -> None:
+    """As docs/howto/hardening.md says it; reading needs a token then, and plain HTTP is no answer."""
+    if shutil.which("openssl") is None:
+        pytest.skip("openssl is not installed")
+    made = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost"
+    names = "-addext subjectAltName=DNS:localhost -keyout key.pem -out certificate.pem"
+    command = ["openssl", *made.split(), *names.split()]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    plant = PLANT.replace("127.0.0.1:0", "0.0.0.0:0").replace(
+        "tokens =", 'certificate = "certificate.pem"\nkey = "key.pem"\ntokens ='
+    )
+    with gateway(tmp_path, plant=plant) as started:
+        port = started.client.port
+        context = ssl.create_default_context(cafile=tmp_path / "certificate.pem")
+
+        def ask(path: str, token: str | None) -> tuple[int, bytes]:
+            connection = http.client.HTTPSConnection(
+                "localhost", port, timeout=PATIENCE, context=context
+            )
+            headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+            with contextlib.closing(connection):
+                connection.request("GET", path, headers=headers)
+                found = connection.getresponse()
+                return found.status, found.read()
+
+        assert started.client.url.startswith("https://")
+        assert ask("/health", None)[0] == 200
+        assert ask("/", None)[0] == 200
+        for path in ("/api/values", "/api/events", "/metrics", "/api/plant"):
+            assert ask(path, None)[0] == 401
+        assert ask("/api/plant", started.reader)[0] == 200
+        with pytest.raises((OSError, http.client.HTTPException)):
+            Client(f"http://127.0.0.1:{port}/").get("/health")

@@ -11,7 +11,7 @@ import pytest
 from selenium.webdriver.common.keys import Keys
 
 from integration.browser import Browser, browser, driver_path
-from integration.gateways import RunningGateway, gateway
+from integration.gateways import PLANT, RunningGateway, gateway
 
 SPEED = '[data-point="infeed/speed"]'
 FEED = '[data-point="infeed/feed"]'
@@ -172,8 +172,6 @@ def test_the_keyboard_is_enough(page: Browser, shared: RunningGateway) -> None:
 def test_names_from_the_plant_are_text(window: Browser, tmp_path: Path) -> None:
     """A meaning that looks like markup is shown as it is."""
     odd = "<img src=x onerror=alert(1)>"
-    from integration.gateways import PLANT
-
     with gateway(tmp_path, plant=PLANT.replace("how fast it feeds", odd)) as started:
         window.open(f"{started.client.url}#/device/infeed")
         window.until(lambda: odd in window.text(FEED))
@@ -200,8 +198,6 @@ def test_a_server_that_is_lost(window: Browser, tmp_path: Path) -> None:
 
 def test_a_device_that_is_lost(window: Browser, tmp_path: Path) -> None:
     """Its card says no reply; the value that it had is struck out and old."""
-    from integration.gateways import PLANT
-
     nobody = PLANT.replace("address = 1", "address = 9")
     with gateway(tmp_path, plant=nobody) as started:
         window.open(started.client.url)

@@ -14,13 +14,13 @@ from typing import Any
 
 from multidrop.gateway.values import Key, Update, Values
 
-SOON = 0.02
+SOON = 0.01
 """s that updates wait for others, to travel together."""
 
-FOR_EACH = 0.002
+FOR_EACH = 0.0002
 """s more for each listener: a hundred of them must not keep the lines waiting."""
 
-LATEST = 0.25
+LATEST = 0.1
 """s that they wait at most."""
 
 

@@ -35,10 +35,10 @@ export function number(value, decimals = 4) {
   return sign + grouped + (fraction ? "." + fraction : "");
 }
 
-/** A value as people read it: names before numbers, texts as they are. */
-export function shown(value, decimals) {
+/** A value as people read it; without a unit it may be a code or a word, whose digits stay together. */
+export function shown(value, decimals, unit = null) {
   if (value === null || value === undefined) return "–";
-  if (typeof value === "number") return number(value, decimals);
+  if (typeof value === "number") return unit || !Number.isInteger(value) ? number(value, decimals) : String(value).replace("-", "−");
   if (typeof value === "boolean") return value ? "on" : "off";
   return String(value);
 }
@@ -73,7 +73,7 @@ export function sparkline() {
     const end = times[times.length - 1];
     const seconds = Math.min(most, Math.max(20, end - times[0]));
     let first = times.length - 1;
-    while (first > 0 && times[first - 1] >= end - seconds) first -= 1;
+    while (first > 0 && times[first] > end - seconds) first -= 1; // and the one that holds at its begin
     let low = Infinity;
     let high = -Infinity;
     for (let at = first; at < values.length; at += 1) {
@@ -95,10 +95,10 @@ export function sparkline() {
         pen = "M";
         continue;
       }
-      const x = 100 - ((end - times[at]) / seconds) * 100;
+      const x = Math.max(0, 100 - ((end - times[at]) / seconds) * 100);
       const y = flat ? 12 : 22 - ((values[at] - low) / span) * 20;
-      text += `${pen}${x.toFixed(2)} ${y.toFixed(2)}`;
-      pen = "L";
+      text += pen === "M" ? `M${x.toFixed(2)} ${y.toFixed(2)}` : `H${x.toFixed(2)}V${y.toFixed(2)}`; // it holds until the next
+      pen = "H";
     }
     path.setAttribute("d", text);
   }

@@ -34,7 +34,7 @@ function section(title, node) {
 
 function value(item) {
   if (item.error) return h("span", { class: "tag bad" }, item.error);
-  return h("span", {}, h("span", { class: "number" }, shown(item.value)),
+  return h("span", {}, h("span", { class: "number" }, shown(item.value, 4, item.unit)),
     item.unit ? ` ${item.unit}` : "", item.meaning ? ` ${item.meaning}` : "");
 }
 

@@ -116,7 +116,7 @@ function chart(unit, names, places, onZoom) {
     });
     return {
       width, height: Math.max(240, Math.min(420, innerHeight / 2.6)), series, bands,
-      axes: [{ ...axis, values: ticks }, { ...axis, size: 72, values: (_, ticks) => ticks.map((tick) => number(tick, 2)) }],
+      axes: [{ ...axis, values: ticks, space: 90 }, { ...axis, size: 72, values: (_, ticks) => ticks.map((tick) => number(tick, 2)) }],
       cursor: { sync: { key: "trends" }, drag: { x: true, y: false, setScale: false } },
       legend: { live: true },
       scales: { x: { time: true }, y: { range: (_, low, high) => padded(low, high) } },
