@@ -234,6 +234,8 @@ def test_the_broker_is_killed_and_comes_back(
         async with connected(tmp_path, mosquitto, devices=SLOW) as site:
             port = f"127.0.0.1:{mosquitto.port}"
             await site.read_now("infeed", "bus_address")
+            async with watcher(mosquitto) as watching:
+                await watching.until("multidrop/infeed/bus_address")
             await asyncio.to_thread(mosquitto.kill)
             await site.until(lambda: any("is away" in text for text in site.said))
             for value in (3, 4, 5):
@@ -465,6 +467,24 @@ def test_a_command_that_waited_too_long_is_not_begun(tmp_path: Path, audit: Path
         assert late
         assert all("expired" in answer["error"]["text"] for answer in late)
         assert len(logged(audit)) == 7
+
+    run(tmp_path, check, "commands = true")
+
+
+def test_commands_too_many_at_once_are_refused(
+    tmp_path: Path, audit: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mqtt, "MOST_AT_ONCE", 1)
+
+    async def check(site: Published, mosquitto: Broker, watching: Watcher) -> None:
+        site.answer_delay(0.1)
+        await watching.command("1")
+        await watching.command("2", "multidrop/unwinder/tension/set")
+        answers = [await watching.answer() for _ in range(2)]
+        by_device = {answer["device"]: answer for answer in answers}
+        assert by_device["infeed"]["outcome"] == "confirmed"
+        assert by_device["unwinder"]["error"]["text"] == "1 commands are under way already"
+        assert len(logged(audit)) == 2
 
     run(tmp_path, check, "commands = true")
 
