@@ -251,6 +251,17 @@ def test_a_state_that_is_none(tmp_path: Path, text: str, said: str) -> None:
     assert path.read_text() == text
 
 
+def test_what_was_cut_short_is_written_over(tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    with State(path, {"range": None}) as state:
+        state.add(1, [])
+    path.write_bytes(path.read_bytes() + b'{"place": 2, "points": [{"name": "a very long name')
+    with State(path, {"range": None}, resume=True) as state:
+        state.add(3, [PointDescription("a", "3:int16")])
+    with State(path, {"range": None}, resume=True) as state:
+        assert state.found == {1: [], 3: [PointDescription("a", "3:int16")]}
+
+
 def test_a_state_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="nothing to go on with"):
         State(tmp_path / "state", {}, resume=True)

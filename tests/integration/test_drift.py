@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from integration.processes import multidrop, running
 from integration.threads import served, simulated
-from multidrop.io.connection import connect
+from multidrop.io.connection import Target, connect
+from multidrop.naming import parse_device
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import SimulatedLine
+from multidrop.tools.backup import backup, save
+from multidrop.tools.drift import Passports, look
 
 
 @dataclass
@@ -108,3 +112,33 @@ def test_a_plant_without_devices(tmp_path: Path) -> None:
     (tmp_path / "passports").mkdir()
     ran = multidrop("watch-drift", "plant.toml", cwd=tmp_path)
     assert (ran.status, "has no devices" in ran.err) == (2, True)
+
+
+def test_which_passport_counts_and_what_it_lacks(tmp_path: Path) -> None:
+    """The newest of the same name goes before a newer one of another port; a point that is not in it is no drift."""
+    with simulated("ax-v:2") as place:
+        target = Target(parse_device(place.device("ax-v:2", timeout=1)))
+        with connect(target) as drive:
+            made = backup(drive)
+        day = timedelta(days=1)
+        elsewhere = replace(made, device="ax-v:2@/dev/ttyUSB9", time=made.time + day)
+        without = dict(list(made.points.items())[:1])
+        older = replace(made, time=made.time - day)
+        for name, passport in (
+            ("a", elsewhere),
+            ("b", replace(made, points=without)),
+            ("c", older),
+        ):
+            save(passport, tmp_path / f"{name}.passport.toml")
+        found = look("winder", target, Passports.of(tmp_path))
+        assert found.kept is not None
+        assert (found.kept.path.name, found.differences, found.error) == (
+            "b.passport.toml",
+            [],
+            None,
+        )
+        (tmp_path / "b.passport.toml").unlink()
+        (tmp_path / "c.passport.toml").unlink()
+        found = look("winder", target, Passports.of(tmp_path))
+        assert found.kept is not None
+        assert found.kept.path.name == "a.passport.toml"

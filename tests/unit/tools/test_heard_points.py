@@ -41,6 +41,9 @@ def polled(path: Path) -> None:
     write = asked._replace(code=0x27, data=b"\x03" + asked.data[1:] + b"\x09\x00")
     talk.say(write)
     talk.say(answer(asked, 9)._replace(data=b""))
+    too_high = write._replace(data=write.data[:3] + b"\x4d\x00").numbered(4)
+    talk.say(too_high)
+    talk.say(refusal(too_high, 0x12))
     talk.close()
 
 
