@@ -255,7 +255,7 @@ def test_what_was_cut_short_is_written_over(tmp_path: Path) -> None:
     path = tmp_path / "state"
     with State(path, {"range": None}) as state:
         state.add(1, [])
-    path.write_bytes(path.read_bytes() + b'{"place": 2, "points": [{"name": "a very long name')
+    path.write_bytes(path.read_bytes() + b'{"place": 2, "points": [{"name": "' + b"x" * 200)
     with State(path, {"range": None}, resume=True) as state:
         state.add(3, [PointDescription("a", "3:int16")])
     with State(path, {"range": None}, resume=True) as state:
