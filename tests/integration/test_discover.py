@@ -258,6 +258,7 @@ def test_what_was_cut_short_is_written_over(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes() + b'{"place": 2, "points": [{"name": "' + b"x" * 200)
     with State(path, {"range": None}, resume=True) as state:
         state.add(3, [PointDescription("a", "3:int16")])
+    assert b"xx" not in path.read_bytes()
     with State(path, {"range": None}, resume=True) as state:
         assert state.found == {1: [], 3: [PointDescription("a", "3:int16")]}
 
