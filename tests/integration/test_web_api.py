@@ -157,6 +157,10 @@ def test_frames_as_they_pass(client: Client) -> None:
                 assert transaction["kind"] == "read", transaction
                 assert transaction["device"] in ("infeed", "press")
                 assert [frame["sent"] for frame in transaction["frames"]] == [True, False]
+                assert (
+                    bytes.fromhex(transaction["frames"][0]["shown"]).hex()
+                    == (transaction["frames"][0]["raw"])
+                )
             if len(data["transactions"]) > 2:
                 break
     assert "8236" in str(data) or "speed" in str(data)

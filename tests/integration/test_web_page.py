@@ -92,8 +92,8 @@ def test_a_write_is_confirmed(page: Browser, shared: RunningGateway) -> None:
     field.clear()
     field.send_keys("42.5", Keys.ENTER)
     page.until(lambda: page.text("dialog button.main") == "Write 42.5 m/min")
-    old, new = (shown.text for shown in page.all("dialog .change strong"))
-    assert (old.split()[0], new.split()[0]) == ("20", "42.5")
+    old, new = (shown.text for shown in page.all("dialog .change strong .number"))
+    assert (old, new) == ("20", "42.5")
     assert shared.client.get("/api/values/infeed/feed").json["value"] == 20, "nothing was written"
     page.one("dialog button.main").send_keys(Keys.ENTER)
     page.until(lambda: "read back" in page.text("dialog .note"))

@@ -29,6 +29,7 @@ class Watch:
     def __init__(self, line: GatewayLine) -> None:
         self._service = line.service
         target = line.service.target
+        self._shown = target.protocol.shown
         self._names = {device.device.address: device.name for device in line.devices}
         profiles = {
             device.device.address: device.profile
@@ -90,13 +91,13 @@ class Watch:
         """A transaction, a stray frame or damage, all with the same fields."""
         if isinstance(found, Damage):
             return self._row(
-                "damage", found.reason, found.at, frames=[_frame(found.raw, found.sent)]
+                "damage", found.reason, found.at, frames=[self._frame(found.raw, found.sent)]
             )
         if isinstance(found, Stray):
             heard = found.heard
             address = getattr(heard.frame, "address", None)
             return self._row(
-                "stray", found.text, heard.end, address=address, frames=[_heard(heard)]
+                "stray", found.text, heard.end, address=address, frames=[self._heard(heard)]
             )
         meaning = found.meaning
         return self._row(
@@ -112,7 +113,7 @@ class Watch:
                 {"point": point.name or point.text, "value": shown(point, sample)}
                 for point, sample in meaning.values
             ],
-            frames=[_heard(heard) for heard in found.frames],
+            frames=[self._heard(heard) for heard in found.frames],
         )
 
     def _row(self, kind: str, text: str, at: float, **more: Any) -> dict[str, Any]:
@@ -133,10 +134,8 @@ class Watch:
             **more,
         }
 
+    def _heard(self, heard: Heard) -> dict[str, Any]:
+        return self._frame(heard.raw, heard.sent)
 
-def _heard(heard: Heard) -> dict[str, Any]:
-    return _frame(heard.raw, heard.sent)
-
-
-def _frame(raw: bytes, sent: bool | None) -> dict[str, Any]:
-    return {"sent": sent, "raw": raw.hex()}
+    def _frame(self, raw: bytes, sent: bool | None) -> dict[str, Any]:
+        return {"sent": sent, "raw": raw.hex(), "shown": self._shown(raw)}

@@ -21,7 +21,7 @@ function bytes(frames) {
   return frames.flatMap((frame, at) => [
     at ? " " : null,
     h("b", {}, frame.sent === true ? "> " : frame.sent === false ? "< " : "· "),
-    frame.raw.replace(/../g, "$& ").trim().toUpperCase(),
+    frame.shown,
   ]);
 }
 
