@@ -14,9 +14,9 @@ from bench.measure import Result, line_of
 from bench.scan import COMMAND
 from multidrop.io.connection import connect
 from multidrop.profile import PointDescription, Profile
-from multidrop.tools.backup import Backup
-from multidrop.tools.discover import Discovery, Meter
-from multidrop.tools.profile_text import toml_text
+from multidrop.tools.passports.backup import Backup
+from multidrop.tools.profiles.discover import Discovery, Meter
+from multidrop.tools.profiles.text import toml_text
 
 BACKUPS = ("53mc5000", "ultra3000")
 LEAST_SHARE = 0.97

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import multidrop
 from multidrop.points import Role
-from multidrop.tools.backup import backup, load, save
-from multidrop.tools.difference import differences
-from multidrop.tools.discover import Discovery
-from multidrop.tools.profile_text import toml_text
-from multidrop.tools.restore import carry_out, plan
+from multidrop.tools.passports.backup import backup, load, save
+from multidrop.tools.passports.difference import differences
+from multidrop.tools.passports.restore import carry_out, plan
+from multidrop.tools.profiles.discover import Discovery
+from multidrop.tools.profiles.text import toml_text
 
 DEFAULT = os.environ.get("MULTIDROP_EXAMPLE_PORT", "tcp://127.0.0.1:4001")
 

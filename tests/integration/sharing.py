@@ -17,8 +17,8 @@ from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import Pace, SimulatedLine
 from multidrop.sim.serve import serve
-from multidrop.tools.share import Event, Rules, Share
-from multidrop.tools.shared_port import targets
+from multidrop.tools.share.port import targets
+from multidrop.tools.share.share import Event, Rules, Share
 
 PATIENCE = 20.0
 

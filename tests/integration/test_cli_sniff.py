@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from unit.tools.captures import Talk, answer, busy, question
+from unit.tools.captures.captures import Talk, answer, busy, question
 
 from integration.processes import PATIENCE, Running, multidrop, running
 from integration.servers import Connected, Server

@@ -24,8 +24,8 @@ from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, RandomFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
 from multidrop.sim.slink3 import Parameters, SimulatedSlave
-from multidrop.tools.discover import Discovery, discover, spread
-from multidrop.tools.discovery_state import State
+from multidrop.tools.profiles.discover import Discovery, discover, spread
+from multidrop.tools.profiles.discovery_state import State
 
 TYPES = ("int16", "uint16", "int32", "uint32", "float32", "string")
 DRIVE = Profile(

@@ -17,8 +17,8 @@ from multidrop.naming import parse_device
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import SimulatedLine
-from multidrop.tools.backup import backup, save
-from multidrop.tools.drift import Passports, look
+from multidrop.tools.passports.backup import backup, save
+from multidrop.tools.passports.drift import Passports, look
 
 
 @dataclass

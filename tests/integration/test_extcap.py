@@ -23,7 +23,7 @@ from multidrop.io.list_ports import PortFacts
 from multidrop.naming import LineOptions
 from multidrop.protocols import PROTOCOLS, datalink, slink3
 from multidrop.timing import Format
-from multidrop.tools import extcap, wireshark
+from multidrop.tools.captures import extcap, wireshark
 
 ADAPTER = PortFacts("/dev/serial/by-id/usb-1", "/dev/ttyUSB0", "FTDI {A}", "", 16, "")
 

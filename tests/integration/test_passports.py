@@ -24,10 +24,10 @@ from multidrop.points import Point, Role, Value
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, NoFaults, RandomFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
-from multidrop.tools.backup import Backup, backup, load, save
-from multidrop.tools.difference import differences
-from multidrop.tools.passport import Entry, Passport
-from multidrop.tools.restore import Action, Verdict, carry_out, plan
+from multidrop.tools.passports.backup import Backup, backup, load, save
+from multidrop.tools.passports.difference import differences
+from multidrop.tools.passports.passport import Entry, Passport
+from multidrop.tools.passports.restore import Action, Verdict, carry_out, plan
 
 PRESS = """
 [profile]

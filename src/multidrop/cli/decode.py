@@ -17,10 +17,10 @@ from multidrop.cli.listening import (
     style_of,
 )
 from multidrop.errors import UsageError
-from multidrop.tools.decode import Decoding, Done
-from multidrop.tools.decode import decode as decode_capture
-from multidrop.tools.records import STYLES
-from multidrop.tools.tally import Tally
+from multidrop.tools.captures.decode import Decoding, Done
+from multidrop.tools.captures.decode import decode as decode_capture
+from multidrop.tools.captures.records import STYLES
+from multidrop.tools.captures.tally import Tally
 
 LONG = 8 << 20
 """Bytes from which on a capture shows its progress."""

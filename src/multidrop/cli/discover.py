@@ -17,10 +17,10 @@ from multidrop.io.connection import Connection
 from multidrop.naming import DeviceName, parse_simulated
 from multidrop.points import PointDescription
 from multidrop.profile import Profile
-from multidrop.tools.discover import Discovery
-from multidrop.tools.discovery_state import State
-from multidrop.tools.heard_points import heard
-from multidrop.tools.profile_text import toml_text
+from multidrop.tools.profiles.discover import Discovery
+from multidrop.tools.profiles.discovery_state import State
+from multidrop.tools.profiles.heard_points import heard
+from multidrop.tools.profiles.text import toml_text
 from multidrop.tools.text_file import check_place, write_whole
 
 

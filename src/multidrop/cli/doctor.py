@@ -23,15 +23,15 @@ from multidrop.io.connection import Target
 from multidrop.naming import LINE_KEYS, LineOptions, parse_port
 from multidrop.plantfile import Plant
 from multidrop.protocols import PROTOCOLS
-from multidrop.tools.asking import TIMES
-from multidrop.tools.doctor import judge
-from multidrop.tools.examination import Examination, Visit
-from multidrop.tools.report import lines_of, report
-from multidrop.tools.scan_plan import parse_addresses
-from multidrop.tools.verdicts import Verdict, status_of
+from multidrop.tools.doctor.asking import TIMES
+from multidrop.tools.doctor.doctor import judge
+from multidrop.tools.doctor.examination import Examination, Visit
+from multidrop.tools.doctor.report import lines_of, report
+from multidrop.tools.doctor.verdicts import Verdict, status_of
+from multidrop.tools.scan.plan import parse_addresses
 
 if TYPE_CHECKING:
-    from multidrop.tools.doctor import Case
+    from multidrop.tools.doctor.doctor import Case
 
 SECONDS, LISTEN_SECONDS = 2.0, 10.0
 """s that are listened for: before something is asked, and where nothing shall be."""

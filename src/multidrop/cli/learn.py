@@ -18,8 +18,8 @@ from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.points import PointDescription, Reading, Role, shown_value
 from multidrop.profile import Profile
-from multidrop.tools.learn import Learning, Moved, described
-from multidrop.tools.profile_text import toml_text, with_points
+from multidrop.tools.profiles.learn import Learning, Moved, described
+from multidrop.tools.profiles.text import toml_text, with_points
 from multidrop.tools.text_file import check_place, write_whole
 
 NAME = re.compile(r"[A-Za-z_]\w*").fullmatch

@@ -17,7 +17,7 @@ from multidrop.errors import UsageError
 from multidrop.plantfile import Plant, load_plant
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
-from multidrop.tools.records import KINDS, Filter
+from multidrop.tools.captures.records import KINDS, Filter
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,8 +73,8 @@ def export_profile(
     profile: str, output: str, semicolons: bool, force: bool, config: str | None
 ) -> None:
     """Write PROFILE as a table for spreadsheets, or as TOML to start one of your own from."""
-    from multidrop.tools.profile_csv import csv_text
-    from multidrop.tools.profile_text import toml_text
+    from multidrop.tools.profiles.table import csv_text
+    from multidrop.tools.profiles.text import toml_text
     from multidrop.tools.text_file import check_place, write_whole
 
     path = Path(output)
@@ -103,8 +103,8 @@ def import_profile(
     file: str, output: str, like: str | None, force: bool, config: str | None
 ) -> None:
     """Read a table that a spreadsheet saved, and write it as a profile."""
-    from multidrop.tools.profile_csv import decoded, from_csv
-    from multidrop.tools.profile_text import said, toml_text
+    from multidrop.tools.profiles.table import decoded, from_csv
+    from multidrop.tools.profiles.text import said, toml_text
     from multidrop.tools.text_file import check_place, write_whole
 
     path = Path(output)

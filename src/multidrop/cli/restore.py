@@ -18,9 +18,9 @@ from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import keeping
 from multidrop.points import Role
-from multidrop.tools.backup import load, save
-from multidrop.tools.passport import Entry
-from multidrop.tools.restore import (
+from multidrop.tools.passports.backup import load, save
+from multidrop.tools.passports.passport import Entry
+from multidrop.tools.passports.restore import (
     ON_REQUEST,
     Action,
     Plan,

@@ -18,8 +18,7 @@ from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import PortError, UsageError
 from multidrop.exchange import LATE
 from multidrop.naming import LINE_KEYS, LineOptions
-from multidrop.tools.scan import Progress, Scanner
-from multidrop.tools.scan_plan import (
+from multidrop.tools.scan.plan import (
     FIXED,
     LISTEN,
     WAIT,
@@ -28,7 +27,8 @@ from multidrop.tools.scan_plan import (
     check_protocols,
     parse_addresses,
 )
-from multidrop.tools.scan_result import FoundDevice, State, StateFile, Traffic, as_toml
+from multidrop.tools.scan.result import FoundDevice, State, StateFile, Traffic, as_toml
+from multidrop.tools.scan.scan import Progress, Scanner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -18,9 +18,9 @@ from multidrop.io.audit import AuditLog
 from multidrop.io.listen import Listener
 from multidrop.naming import parse_port
 from multidrop.protocols import PROTOCOLS
-from multidrop.tools.share import Event, Rules, Share
-from multidrop.tools.share_client import Counts
-from multidrop.tools.shared_port import targets
+from multidrop.tools.share.client import Counts
+from multidrop.tools.share.port import targets
+from multidrop.tools.share.share import Event, Rules, Share
 
 
 @click.command(

@@ -29,10 +29,10 @@ from multidrop.naming import LINE_KEYS, LineOptions
 from multidrop.profile import Profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import LineSettings
-from multidrop.tools.listened import Listened
-from multidrop.tools.records import STYLES, Shown
-from multidrop.tools.sniff import Heard, Sniffer
-from multidrop.tools.tally import Tally
+from multidrop.tools.captures.listened import Listened
+from multidrop.tools.captures.records import STYLES, Shown
+from multidrop.tools.captures.sniff import Heard, Sniffer
+from multidrop.tools.captures.tally import Tally
 
 
 @click.command(

@@ -15,9 +15,9 @@ from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.plantfile import Plant
-from multidrop.tools.difference import Difference
-from multidrop.tools.drift import Drift, Passports, look, save_new
-from multidrop.tools.passport import Entry
+from multidrop.tools.passports.difference import Difference
+from multidrop.tools.passports.drift import Drift, Passports, look, save_new
+from multidrop.tools.passports.passport import Entry
 
 FOLDER = "passports"
 

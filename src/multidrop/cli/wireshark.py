@@ -20,7 +20,7 @@ from multidrop.io.list_ports import list_ports
 @click.option("--json", "as_json", is_flag=True, help="JSON Lines on standard output")
 def wireshark(install: bool, as_json: bool) -> None:
     """The dissector and the extcap for Wireshark: where they are, and where they go."""
-    from multidrop.tools import wireshark as placing
+    from multidrop.tools.captures import wireshark as placing
 
     where = placing.folders()
     dissector, extcap = where.files
@@ -65,7 +65,7 @@ def wireshark(install: bool, as_json: bool) -> None:
 @click.option("--stuffing", metavar="on|off", default="", help="byte stuffing (datalink)")
 def extcap(**given: Any) -> None:
     """What Wireshark calls to listen to a line. It never sends a byte."""
-    from multidrop.tools import extcap as answers
+    from multidrop.tools.captures import extcap as answers
 
     interface = given["extcap_interface"]
     if given["extcap_interfaces"]:
@@ -88,7 +88,7 @@ def _say(lines: list[str]) -> None:
 
 def _capture(interface: str, given: dict[str, Any]) -> None:
     """Listen until Wireshark ends it: by a signal, or because it reads no longer."""
-    from multidrop.tools.extcap import Listening, capture, port_of
+    from multidrop.tools.captures.extcap import Listening, capture, port_of
 
     if given["fifo"] is None:
         raise UsageError("where to? --fifo FILE")

@@ -12,7 +12,7 @@ from multidrop.protocols import PROTOCOLS, datalink, slink3, ultra3000
 from multidrop.sim.faults import Fault, ScriptedFaults
 from multidrop.sim.line import Connection, LineFaults, SimulatedLine
 from multidrop.sim.replay import Learned, learn
-from unit.tools.captures import NOON, Talk, answer, question, refusal
+from unit.tools.captures.captures import NOON, Talk, answer, question, refusal
 
 
 def ask(wire: Connection, raw: bytes, now: float, wait: float = 1.0) -> bytes:

@@ -1,0 +1,1 @@
+"""What passes on a line: listened to, recorded, decoded, shown in Wireshark."""

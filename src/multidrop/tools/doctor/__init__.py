@@ -1,0 +1,1 @@
+"""Why a line fails, with the bytes that prove it."""

@@ -1,0 +1,1 @@
+"""What a device holds, as a file: made, compared, restored."""

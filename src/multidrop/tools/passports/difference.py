@@ -1,0 +1,59 @@
+"""What two passports do not agree on. Measured points are never compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from multidrop.errors import UsageError
+from multidrop.points import Role
+from multidrop.tools.passports.passport import Entry, Passport, Unread
+
+MOVING = frozenset({Role.SETPOINT, Role.COMMAND})
+"""Roles that are compared on request only: they change while a machine works."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A point that differs; on a side that does not have it None, or why it could not be read."""
+
+    point: str
+    name: str | None
+    before: Entry | Unread | None
+    after: Entry | Unread | None
+
+
+def differences(
+    before: Passport, after: Passport, *, everything: bool = False
+) -> Iterator[Difference]:
+    """In the order of `before`, then what only `after` has.
+
+    Setpoints and commands with `everything` only. Raises `UsageError` for
+    passports of different models.
+    """
+    if before.profile != after.profile:
+        raise UsageError(
+            f"{before.device} is a {before.profile}, {after.device} a {after.profile}:"
+            " their points cannot be compared"
+        )
+    for point in dict.fromkeys([*_points(before), *_points(after)]):
+        one, other = _points(before).get(point), _points(after).get(point)
+        known = one or other
+        assert known is not None
+        if known.role is Role.MEASURED or (known.role in MOVING and not everything):
+            continue
+        if not same(one, other):
+            yield Difference(point, known.name, one, other)
+
+
+def same(one: Entry | Unread | None, other: Entry | Unread | None) -> bool:
+    """Whether both sides hold the same value; two that cannot be read say nothing."""
+    if isinstance(one, Entry) and isinstance(other, Entry):
+        if one.type == other.type:
+            return one.raw == other.raw or (one.value == other.value and one.unit == other.unit)
+        return one.value == other.value and one.unit == other.unit
+    return isinstance(one, Unread) and isinstance(other, Unread)
+
+
+def _points(passport: Passport) -> dict[str, Entry | Unread]:
+    return {**passport.points, **passport.unreadable}

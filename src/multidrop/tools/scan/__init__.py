@@ -1,0 +1,1 @@
+"""What is on a line: which protocol, which settings, which addresses."""

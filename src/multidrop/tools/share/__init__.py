@@ -1,0 +1,1 @@
+"""One port for many masters."""
