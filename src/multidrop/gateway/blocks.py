@@ -116,7 +116,7 @@ def _unplane(data: bytes, name: str, count: int) -> tuple[array[int], bytes]:
     raw = bytearray(size * count)
     for place in range(size):
         raw[place::size] = data[place * count : (place + 1) * count]
-    numbers.frombytes(bytes(raw))
+    numbers.frombytes(raw)
     if sys.byteorder == "big":
         numbers.byteswap()
     return numbers, data[size * count :]

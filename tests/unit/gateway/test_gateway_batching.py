@@ -94,3 +94,16 @@ def test_the_newest_batch_stays_however_large_it_is() -> None:
     batching.take([sample(0, 1), sample(1, 2)])
     (batch,) = batching.cut(1001.0)
     assert seconds(batch) == [0, 1]
+
+
+def test_a_batch_without_samples_that_goes_is_no_gap() -> None:
+    batching = Batching("run", most=3)
+    batching.take([sample(0, 1)])
+    batching.written(len(batching.cut(1000.0)))
+    batching.cut(1000.0 + HEARTBEAT)
+    batching.take([sample(20, 1), sample(21, 2)])
+    batching.cut(1021.0)
+    batching.take([sample(22, 1), sample(23, 2)])
+    (batch,) = batching.cut(1023.0)
+    gap = Gap(START + 20 * SECOND, START + 21 * SECOND, "nothing could be written", 2)
+    assert batch.lost == (gap,)

@@ -16,7 +16,7 @@ from multidrop.gateway.records import Batch, Sample, microseconds
 from multidrop.gateway.reporting import Rule
 from multidrop.gateway.settings import HistorySettings
 from multidrop.io.poller import Quality
-from unit.gateway.stores import SECOND, START, sample
+from unit.gateway.stores import SECOND, START, batches, sample
 from unit.gateway.updates import NOON, update
 
 END = START + 10**15
@@ -236,3 +236,22 @@ def test_the_store_is_the_one_that_the_settings_name(tmp_path: Path) -> None:
     store.close()
     with pytest.raises(UsageError, match="dsn of the history is wrong"):
         open_store(HistorySettings(dsn="postgresql://x?nonsense=1"), lambda text: tmp_path / text)
+
+
+def test_a_point_that_first_came_while_the_disk_was_full_is_found_afterwards(
+    tmp_path: Path,
+) -> None:
+    store = SqliteStore(tmp_path / "h.db")
+    store.write(batches([sample(0, 1)]))
+    (pages,) = store._writer.execute("PRAGMA page_count").fetchone()
+    store._writer.execute(f"PRAGMA max_page_count = {pages}")
+    later = batches([sample(second, "x" * 50, point="new") for second in range(200)], run="later")
+    with pytest.raises(sqlite3.OperationalError, match="full"):
+        store.write(later)
+    assert store._fresh.total() == 1
+    store._writer.execute("PRAGMA max_page_count = 100000")
+    store.write(batches([sample(0, 2, point="other")], run="other"))
+    store.write(later)
+    store.close()
+    assert values_in(tmp_path / "h.db", "new") == ["x" * 50] * 200
+    assert values_in(tmp_path / "h.db", "other") == [2]
