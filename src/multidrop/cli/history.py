@@ -28,7 +28,7 @@ _config = click.option(
 )
 
 
-@click.group()
+@click.group(epilog="Example: multidrop history list")
 def history() -> None:
     """What `multidrop run` has recorded, also while it runs."""
 
