@@ -15,13 +15,14 @@ WORLD := tests/integration tests/soak tests/test_architecture.py \
 demo: .venv/gateway
 	@$(BIN)/multidrop demo
 
-# The pure floors' own tests must reach every branch of them; the world's tests run side by side.
+# The pure floors' own tests must reach every branch of them; the world's tests run side by side,
+# more of them than there are processors, since they wait most of their time.
 test: check .venv/dev
 	$(BIN)/python -bb -m coverage run -m pytest $(PURE)
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest -n 2 --dist loadfile $(WORLD)
+	$(BIN)/python -bb -m pytest -n 4 --dist loadfile $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -21,6 +21,7 @@ from multidrop.gateway.web.operations import Operation, Parameter, document, lis
 from multidrop.gateway.web.schemas import SCHEMAS, WRITE
 from multidrop.gateway.web.tokens import Right
 from multidrop.gateway.web.wire import Watch
+from multidrop.profile import nearest
 
 MOST_LISTENERS = 250
 """Event streams at a time."""
@@ -153,7 +154,7 @@ class Api:
         return JSONResponse({"name": name, "rights": sorted(rights)})
 
     async def read(self, request: Request) -> Response:
-        body = await _body(request)
+        body = await _body(request, ("device", "point"))
         device, point = self._found(_text(body, "device"), _text(body, "point"))
         reading = await self.gateway.read(device, point)
         return JSONResponse(shapes.read_now(device, reading))
@@ -200,7 +201,7 @@ class Api:
 
     async def write(self, request: Request) -> Response:
         """Only what the gateway lets be written; a caller who goes away does not stop a write."""
-        body = await _body(request)
+        body = await _body(request, ("device", "point", "value"))
         device, point = _text(body, "device"), _text(body, "point")
         value = body.get("value")
         if not isinstance(value, int | float) or isinstance(value, bool):
@@ -299,13 +300,17 @@ def _known_parameters(request: Request, operation: Operation) -> None:
             raise UsageError(f"there is no parameter {name!r}")
 
 
-async def _body(request: Request) -> dict[str, Any]:
+async def _body(request: Request, keys: Sequence[str]) -> dict[str, Any]:
+    """The body as an object. A key that nobody knows might ask for something else: refused."""
     try:
         body = json.loads(await request.body())
     except (ValueError, RecursionError):
         raise UsageError("the body is not JSON") from None
     if not isinstance(body, dict):
         raise UsageError("the body is not a JSON object")
+    for key in body:
+        if key not in keys:
+            raise UsageError(f"unknown key {key!r}{nearest(key, keys)}; keys are {', '.join(keys)}")
     return body
 
 

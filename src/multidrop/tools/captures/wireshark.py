@@ -12,7 +12,7 @@ from pathlib import Path
 
 from multidrop.errors import UsageError
 
-DISSECTOR = Path(__file__).parent.parent / "wireshark" / "multidrop.lua"
+DISSECTOR = Path(__file__).parents[2] / "wireshark" / "multidrop.lua"
 OURS = "multidrop"
 """A file without this word in it is somebody else's."""
 
