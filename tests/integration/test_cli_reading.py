@@ -365,6 +365,7 @@ def test_the_demo_without_a_terminal() -> None:
         port = demo.wait_for("listening on ").removeprefix("listening on ")
         demo.wait_for("actual_speed")
         assert state_of(f"flexmax:1@{port}") == "operation enabled"
+        demo.wait_for("actual_speed")  # it has loaded all that it needs by now
         ran = demo.interrupt()
     assert ran.status == 130
     assert ran.err.strip() == "interrupted"
