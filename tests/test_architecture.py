@@ -27,6 +27,7 @@ GROUND = {
     "errors",
     "events",
     "exchange",
+    "later",
     "naming",
     "numerals",
     "observer",

@@ -9,18 +9,20 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 from multidrop.conversation import Conversation
 from multidrop.decoder import Decoder
 from multidrop.points import Point, Sample, Value
-from multidrop.probing import Prober
 from multidrop.profile import Profile
-from multidrop.relay import Relay
-from multidrop.sweeping import Sweep
 from multidrop.timing import LineSettings
-from multidrop.transaction import Meaning
 from multidrop.writing import Written
+
+if TYPE_CHECKING:
+    from multidrop.probing import Prober
+    from multidrop.relay import Relay
+    from multidrop.sweeping import Sweep
+    from multidrop.transaction import Meaning
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,3 +59,6 @@ def _text(master: Master, memory_address: int, points: int = 1) -> Conversation[
     raw = yield from master.interrogate(memory_address, points * SIZES["A"])
     text = raw.decode("latin-1").replace("\0", " ").strip()
     return text if text.isascii() and text.isprintable() else ""
+
+
+PROBER = DatalinkProber()

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from multidrop.conversation import Conversation
 from multidrop.decoder import Decoder
 from multidrop.device import Received
 from multidrop.errors import UsageError
+from multidrop.later import Later
 from multidrop.profile import Profile
 from multidrop.protocols import datalink
-from multidrop.protocols.datalink.describe import describe
 from multidrop.protocols.datalink.device import device, stuffing_of
-from multidrop.protocols.datalink.explain import continues, explain
 from multidrop.protocols.datalink.frame import Command, Frame, decoder
-from multidrop.protocols.datalink.probe import DatalinkProber
-from multidrop.protocols.datalink.relay import DatalinkRelay
-from multidrop.protocols.datalink.sweep import sweep
 from multidrop.timing import LineSettings
+
+if TYPE_CHECKING:
+    from multidrop.protocols.datalink.relay import DatalinkRelay
 
 
 class Datalink:
@@ -28,14 +28,14 @@ class Datalink:
         "stuffing": "on (default), or off where the instruments have byte stuffing switched off",
         "settle": "s that an instrument is given to show a change (1)",
     }
-    prober = DatalinkProber()
+    prober = Later("multidrop.protocols.datalink.probe", "PROBER")
 
     decoder = staticmethod(decoder)
     device = staticmethod(device)
-    describe = staticmethod(describe)
-    continues = staticmethod(continues)
-    explain = staticmethod(explain)
-    sweep = staticmethod(sweep)
+    describe = Later("multidrop.protocols.datalink.describe", "describe")
+    continues = Later("multidrop.protocols.datalink.explain", "continues")
+    explain = Later("multidrop.protocols.datalink.explain", "explain")
+    sweep = Later("multidrop.protocols.datalink.sweep", "sweep")
 
     @staticmethod
     def shown(raw: bytes) -> str:
@@ -64,6 +64,8 @@ class Datalink:
 
     @staticmethod
     def relay(options: Mapping[str, str]) -> DatalinkRelay:
+        from multidrop.protocols.datalink.relay import DatalinkRelay
+
         return DatalinkRelay()
 
 

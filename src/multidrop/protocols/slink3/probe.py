@@ -81,3 +81,6 @@ def _read(
     data = TypedParameter(type_code, index).encode()
     question = Frame(address, 0, destination << 1, Command.READ_TYPED_PARAMETER, data)
     return (yield Ask(question, repeatable=True))
+
+
+PROBER = Slink3Prober()

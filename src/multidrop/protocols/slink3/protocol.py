@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from multidrop.decoder import Decoder
+from multidrop.later import Later
 from multidrop.protocols import slink3
-from multidrop.protocols.slink3.broadcast import prepare_broadcast
-from multidrop.protocols.slink3.describe import describe
 from multidrop.protocols.slink3.device import device
-from multidrop.protocols.slink3.explain import continues, explain
 from multidrop.protocols.slink3.frame import Frame, decoder
-from multidrop.protocols.slink3.probe import Slink3Prober
-from multidrop.protocols.slink3.relay import Slink3Relay
-from multidrop.protocols.slink3.sweep import sweep
 from multidrop.timing import LineSettings
+
+if TYPE_CHECKING:
+    from multidrop.protocols.slink3.relay import Slink3Relay
 
 
 class Slink3:
@@ -24,15 +23,15 @@ class Slink3:
     options: Mapping[str, str] = {
         "broadcast": "broadcast address, 128..255 (flexmax 255, ax-v 128)"
     }
-    prober = Slink3Prober()
+    prober = Later("multidrop.protocols.slink3.probe", "PROBER")
 
     decoder = staticmethod(decoder)
     device = staticmethod(device)
-    describe = staticmethod(describe)
-    continues = staticmethod(continues)
-    explain = staticmethod(explain)
-    sweep = staticmethod(sweep)
-    prepare_broadcast = staticmethod(prepare_broadcast)
+    describe = Later("multidrop.protocols.slink3.describe", "describe")
+    continues = Later("multidrop.protocols.slink3.explain", "continues")
+    explain = Later("multidrop.protocols.slink3.explain", "explain")
+    sweep = Later("multidrop.protocols.slink3.sweep", "sweep")
+    prepare_broadcast = Later("multidrop.protocols.slink3.broadcast", "prepare_broadcast")
 
     @staticmethod
     def shown(raw: bytes) -> str:
@@ -48,6 +47,8 @@ class Slink3:
 
     @staticmethod
     def relay(options: Mapping[str, str]) -> Slink3Relay:
+        from multidrop.protocols.slink3.relay import Slink3Relay
+
         return Slink3Relay()
 
 

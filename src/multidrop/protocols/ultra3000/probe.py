@@ -42,3 +42,6 @@ class Ultra3000Prober:
         if len(version) == 4:
             said += f", firmware {int(version[:2], 16)}.{int(version[2:], 16):02}"
         return Identity(PROFILE, note=said)
+
+
+PROBER = Ultra3000Prober()
