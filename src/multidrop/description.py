@@ -93,6 +93,8 @@ class PointDescription:
         """Raises `UsageError` where the physical value is outside what the profile allows."""
         if isinstance(value, str | bytes):
             return
+        if value != value:  # NaN is neither below nor above anything
+            raise UsageError(f"{value} is no value for {self.name}")
         below = self.minimum is not None and value < self.minimum
         above = self.maximum is not None and value > self.maximum
         if below or above:

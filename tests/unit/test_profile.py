@@ -179,3 +179,8 @@ def test_names_of_bits() -> None:
 def test_the_nearest_word() -> None:
     assert nearest("sped", ["speed", "torque"]) == " - did you mean 'speed'?"
     assert nearest("xyz", ["speed"]) == ""
+
+
+def test_what_is_no_number_is_within_no_limits() -> None:
+    with pytest.raises(UsageError, match="nan is no value for kp"):
+        PointDescription("kp", "0x011").check_limits(float("nan"))
