@@ -22,7 +22,7 @@ test: check .venv/dev
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest -n 4 --dist loadfile $(WORLD)
+	$(BIN)/python -bb -m pytest -n 3 --dist loadfile $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check
