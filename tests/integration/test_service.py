@@ -68,7 +68,7 @@ async def polled(port: str) -> AsyncIterator[tuple[LineService, Log]]:
 def lost_only_while_away(log: Log, gone: float, back: float) -> None:
     """No more polls than those of the time away, and every device is polled again."""
     lost = Counter(one.device for _, one in log if one.quality is Quality.PORT_LOST)
-    assert {one.quality for _, one in log} - {Quality.STALE} == {Quality.GOOD, Quality.PORT_LOST}
+    assert {one.quality for _, one in log} == {Quality.GOOD, Quality.PORT_LOST}
     for number in range(DRIVES):
         name = f"d{number}"
         times = [at for at, one in log if one.device == name and one.good]
