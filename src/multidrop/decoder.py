@@ -21,6 +21,10 @@ FrameT = TypeVar("FrameT")
 ReadFront = Callable[[bytes, int], "tuple[FrameT, int] | str | None"]
 """`read_front(buffer, at)`: frame and size, a reason, or None for "more". `at < len(buffer)`."""
 
+Missing = Callable[[bytes, int], int]
+"""`missing(buffer, at)`: at least so many bytes must come before the answer that begins at `at`
+is whole, where `read_front` says "more"; at the end of the buffer: the shortest answer."""
+
 _new = tuple.__new__  # what a named tuple's own constructor calls; a tenth of a frame's time
 
 MOST_DAMAGE = 1024
@@ -30,8 +34,9 @@ MOST_DAMAGE = 1024
 class Decoder(Generic[FrameT]):
     """Turns bytes, cut anywhere, into events. Nothing received ever raises."""
 
-    def __init__(self, read_front: ReadFront[FrameT]) -> None:
+    def __init__(self, read_front: ReadFront[FrameT], missing: Missing = lambda *_: 1) -> None:
         self._read_front = read_front
+        self._missing = missing
         self._buffer = b""
         self._dropped = 0  # so many bytes at the front of the buffer are damage
         self._reason = ""  # why the first of them was dropped
@@ -50,6 +55,11 @@ class Decoder(Generic[FrameT]):
     def unfinished(self) -> bool:
         """Whether some of them may be the beginning of a frame; the rest is damage that is held back."""
         return len(self._buffer) > self._dropped
+
+    @property
+    def missing(self) -> int:
+        """At least so many bytes must come before another answer is whole."""
+        return self._missing(self._buffer, self._dropped)
 
     def receive_data(self, data: bytes) -> list[FrameReceived[FrameT] | Damaged]:
         """Take the next bytes of the stream; returns the events that they complete."""

@@ -83,6 +83,14 @@ class Exchange(Generic[FrameT, ResultT]):
             out += self._time_passed(now)
         return out
 
+    @property
+    def wants(self) -> int:
+        """So many bytes must come before anything can come of them: an answer is not whole before.
+
+        A runner may leave fewer with the system, if it looks at them at the `deadline` too.
+        """
+        return 1 if self._sent is None else self._session.decoder.missing
+
     def written(self, now: float) -> None:
         """What `told` names has been written: its delay is known only now."""
         assert self.told is not None

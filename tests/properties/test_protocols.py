@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from strategies import ROWS, SIZES, Row, cut, streams
@@ -59,6 +59,18 @@ def test_after_silence_the_next_frame_is_found(row: Row, data: DataObject) -> No
     frame = data.draw(row.frames)
     raw = frame.encode()
     assert [*decoder.receive_data(raw), *decoder.silence()] == [FrameReceived(frame, raw)]
+
+
+@every_protocol
+@given(data=st.data())
+def test_never_is_more_awaited_than_a_frame_still_lacks(row: Row, data: DataObject) -> None:
+    decoder = row.decoder()
+    raw = data.draw(row.frames).encode()
+    assume(len(raw) >= decoder.missing)  # an Acknowledge is shorter, and no answer
+    decoder.receive_data(data.draw(harmless(row)[0]))
+    for at in range(len(raw)):
+        assert 1 <= decoder.missing <= len(raw) - at
+        decoder.receive_data(raw[at : at + 1])
 
 
 @every_protocol

@@ -12,6 +12,7 @@ from multidrop.conversation import Conversation
 from multidrop.errors import Error, PortError
 from multidrop.exchange import Exchange
 from multidrop.io.line import Tap, Timed, new_session
+from multidrop.io.low_water import LowWater
 from multidrop.io.parity import ParityMarks
 from multidrop.io.ports import (
     CONNECT_TIMEOUT,
@@ -57,6 +58,7 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
         self.taps: list[Tap] = []
         self.acted = False  # whether the last exchange sent more than reads
         self.marks: ParityMarks | None = None
+        self.low_water: LowWater | None = None
         self._session = new_session(settings, options or LineOptions(), network=network)
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
@@ -123,6 +125,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
                 raise
             finally:
                 self._exchange = None
+                if self.low_water is not None and self.low_water.used:
+                    self.low_water.wait_for(1)
                 self.turns.release()
         finally:
             self.acted = exchange.acted
@@ -141,6 +145,8 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         now = self._now()
+        if self.low_water is not None:
+            self.low_water.heard()
         pieces = ((data, False),) if self.marks is None else self.marks.split(data)
         for piece, damaged in pieces:
             for tap in self.taps:
@@ -153,6 +159,7 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
 
     def connection_lost(self, error: Exception | None) -> None:
         self._gone.set()
+        self.low_water = None
         self._break(str(error) if error is not None else "the other side closed the connection")
 
     def _break(self, why: str) -> None:
@@ -178,20 +185,30 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
                 exchange.written(self._now())
             for tap in self.taps:
                 tap(to_send, True, exchange.asked_at, False)
+            if self.low_water is not None:
+                self.low_water.asked()
         if not exchange.done:
-            self._arm(exchange.deadline)
+            self._arm(exchange)
         elif self._finished is not None and not self._finished.done():
             self._finished.set_result(None)
 
-    def _arm(self, deadline: float) -> None:
+    def _arm(self, exchange: Exchange[Any, Any]) -> None:
         """Wake at the deadline or before it: a timer that is set already is left to fire too early."""
+        deadline, low_water = exchange.deadline, self.low_water
+        if low_water is not None and low_water.used and low_water.wait_for(exchange.wants):
+            deadline = min(deadline, self._now() + self._session.timing.silence)
         if not self._timers or deadline < self._timers[-1].when():
             self._timers.append(self._loop.call_at(deadline, self._time_passed))
 
     def _time_passed(self) -> None:
         self._timers.pop()
         exchange = self._exchange
-        if exchange is not None and not exchange.done:
+        if exchange is None or exchange.done:
+            return
+        left = self.low_water.look(BUFFER) if self.low_water is not None else b""
+        if left:
+            self.data_received(left)
+        else:
             self._send(exchange, exchange.advance(b"", self._now()))
 
     async def close(self) -> None:
@@ -238,6 +255,7 @@ async def opened(port: str, settings: LineSettings, options: LineOptions) -> Asy
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux; elsewhere the system's own, minutes
             own = transport.get_extra_info("socket")
             own.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, SWALLOWED)
+        line.low_water = LowWater(transport.get_extra_info("socket"))
         return line
     await _open_serial(line, port, PortSetup(settings, options))
     return line

@@ -199,6 +199,21 @@ def _read_body(kind: type[Frame], body: bytes) -> tuple[Frame, int] | str | None
     return _new(kind, fields), size
 
 
+def missing(buffer: bytes, at: int) -> int:
+    """At least so many bytes the Response that begins at `buffer[at]` still lacks, as far as its NUM has come."""
+    return _missing(buffer[at : at + 1] + buffer[at + 1 :].replace(_STUFFED, _LITERAL))
+
+
+def missing_unstuffed(buffer: bytes, at: int) -> int:
+    """The same where nothing is inserted."""
+    return _missing(buffer[at:])
+
+
+def _missing(frame: bytes) -> int:
+    count = frame[2] if len(frame) > 2 else 0
+    return max(1, OVERHEAD + count - len(frame))  # a stuffed one lacks what may be inserted
+
+
 def read_frames(buffer: bytes) -> tuple[list[FrameReceived[Frame] | Damaged], bytes]:
     """The frames at the front of the buffer, one close behind the other, and what is left."""
     events: list[FrameReceived[Frame] | Damaged] = []
@@ -227,4 +242,6 @@ class _Decoder(Decoder[Frame]):
 
 def decoder(stuffing: bool = True) -> Decoder[Frame]:
     """A receive loop for Datalink: `receive_data(bytes)` and `silence()` return events."""
-    return _Decoder(read_front) if stuffing else Decoder(read_front_unstuffed)
+    if stuffing:
+        return _Decoder(read_front, missing)
+    return Decoder(read_front_unstuffed, missing_unstuffed)

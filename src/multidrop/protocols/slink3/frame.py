@@ -155,9 +155,15 @@ def read_front(buffer: bytes, at: int) -> tuple[Frame, int] | str | None:
     return tuple.__new__(Frame, (address, control, order, code, raw[7:-1])), length
 
 
+def missing(buffer: bytes, at: int) -> int:
+    """So many bytes the frame that begins at `buffer[at]` still lacks, as far as its LENGTH has come."""
+    left = len(buffer) - at
+    return (buffer[at + 3] if left > 3 else OVERHEAD) - left
+
+
 def decoder() -> Decoder[Frame]:
     """A receive loop for SLINK3: `receive_data(bytes)` and `silence()` return events."""
-    return Decoder(read_front)
+    return Decoder(read_front, missing)
 
 
 __all__ = ["Frame", "FrameReceived", "decoder", "read_front"]

@@ -219,6 +219,11 @@ class _Decoder(Decoder[Frame]):
         return [] if skips else events
 
 
+def missing(buffer: bytes, at: int) -> int:
+    """At least so many characters the frame that begins at `buffer[at]` lacks: how long it is, its end says."""
+    return max(1, OVERHEAD - (len(buffer) - at))
+
+
 def decoder() -> Decoder[Frame]:
     """A receive loop for Ultra3000: `receive_data(bytes)` and `silence()` return events."""
-    return _Decoder(read_front)
+    return _Decoder(read_front, missing)
