@@ -14,10 +14,10 @@ from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
+from multidrop.passports.difference import Difference
+from multidrop.passports.drift import Drift, Passports, look, save_new
+from multidrop.passports.passport import Entry
 from multidrop.plantfile import Plant
-from multidrop.tools.passports.difference import Difference
-from multidrop.tools.passports.drift import Drift, Passports, look, save_new
-from multidrop.tools.passports.passport import Entry
 
 FOLDER = "passports"
 

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from multidrop.errors import UsageError
+from multidrop.passports.difference import Difference, differences
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Role
-from multidrop.tools.passports.difference import Difference, differences
-from multidrop.tools.passports.passport import Entry, Passport, Unread
 
 NOW = datetime(2026, 11, 22, 2, 31, 7, tzinfo=UTC)
 KP = Entry("0x011", "kp", Role.SETTING, 4.0, None, "uint16", "0200")

@@ -11,9 +11,9 @@ from pathlib import Path
 from multidrop.errors import Error, NoReply, PortError, ProtocolError, UsageError
 from multidrop.io.connection import Connection, Target
 from multidrop.io.readings import in_order, readable
+from multidrop.io.text_file import write_whole
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Point, Reading
-from multidrop.tools.passports.passport import Entry, Passport, Unread
-from multidrop.tools.text_file import write_whole
 
 GONE = 3
 """So many reads in a row without a reply, or the very first one, and the device counts as gone."""

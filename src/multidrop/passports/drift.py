@@ -9,9 +9,9 @@ from pathlib import Path
 
 from multidrop.errors import Error, UsageError
 from multidrop.io.connection import Target, connect
-from multidrop.tools.passports.backup import backup, load, save
-from multidrop.tools.passports.difference import Difference, differences
-from multidrop.tools.passports.passport import Entry, Passport
+from multidrop.passports.backup import backup, load, save
+from multidrop.passports.difference import Difference, differences
+from multidrop.passports.passport import Entry, Passport
 
 ENDING = ".passport.toml"
 

@@ -16,7 +16,7 @@ from typing import Any
 from multidrop.errors import UsageError
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
-from multidrop.tools.profiles.toml_values import toml_value
+from multidrop.toml_values import toml_value
 
 VERSION = 1
 _BYTES = "bytes"
