@@ -15,7 +15,8 @@ from integration.threads import served, simulated
 from multidrop.io.connection import Target, connect
 from multidrop.naming import parse_device
 from multidrop.passports.backup import backup, save
-from multidrop.passports.drift import Passports, look
+from multidrop.passports.drift import look
+from multidrop.passports.folder import Passports
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import SimulatedLine

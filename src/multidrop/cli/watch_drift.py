@@ -15,7 +15,8 @@ from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.passports.difference import Difference
-from multidrop.passports.drift import Drift, Passports, look, save_new
+from multidrop.passports.drift import Drift, look, save_new
+from multidrop.passports.folder import Passports
 from multidrop.passports.passport import Entry
 from multidrop.plantfile import Plant
 

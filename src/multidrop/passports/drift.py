@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from datetime import UTC
 from pathlib import Path
 
 from multidrop.errors import Error, UsageError
 from multidrop.io.connection import Target, connect
-from multidrop.passports.backup import backup, load, save
+from multidrop.passports.backup import backup
 from multidrop.passports.difference import Difference, differences
+from multidrop.passports.folder import Kept, Passports, save_as_new
 from multidrop.passports.passport import Entry, Passport
-
-ENDING = ".passport.toml"
-
-
-@dataclass(frozen=True, slots=True)
-class Kept:
-    """A passport and its file."""
-
-    path: Path
-    passport: Passport
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,39 +26,6 @@ class Drift:
     now: Passport | None = None
     differences: Sequence[Difference] = field(default_factory=tuple)
     error: Error | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Passports:
-    """The passports of a folder; `unusable` is what looks like one and is not, with the reason."""
-
-    folder: Path
-    kept: Sequence[Kept]
-    unusable: Mapping[Path, str]
-
-    @classmethod
-    def of(cls, folder: Path) -> Passports:
-        """Raises `UsageError` where there is no such folder."""
-        if not folder.is_dir():
-            raise UsageError(f"there is no folder {folder} with passports")
-        kept, unusable = [], {}
-        for path in sorted(folder.glob("*.toml")):
-            try:
-                kept.append(Kept(path, load(path)))
-            except UsageError as error:
-                unusable[path] = str(error)
-        return cls(folder, kept, unusable)
-
-    def latest(self, target: Target) -> Kept | None:
-        """The newest passport of a device: made under the same name, else of its profile and address."""
-        name, address, profile = str(target.name), target.name.address, target.profile.name
-        alike = [
-            item
-            for item in self.kept
-            if (item.passport.profile, item.passport.address) == (profile, address)
-        ]
-        same = [item for item in alike if item.passport.device == name]
-        return max(same or alike, key=lambda item: item.passport.time, default=None)
 
 
 def look(name: str, target: Target, passports: Passports) -> Drift:
@@ -94,7 +51,4 @@ def _both_read(item: Difference) -> bool:
 def save_new(drift: Drift, folder: Path) -> Path:
     """Keep what a device holds now as its latest passport. Raises `UsageError`."""
     assert drift.now is not None
-    time = drift.now.time.astimezone(UTC)
-    path = folder / f"{drift.name}-{time:%Y%m%dT%H%M%S}Z{ENDING}"
-    save(drift.now, path)
-    return path
+    return save_as_new(drift.now, drift.name, folder)
