@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -108,7 +111,7 @@ class Index:
         for path, stamp in self._files():
             found = known.get(path)
             if found is None or found[0] != stamp:
-                found = stamp, _listed(path)
+                found = stamp, _listed(path, stamp[1])
             self._known[path] = found
         listed = [item for _, item in self._known.values() if item is not None]
         never = datetime.min.replace(tzinfo=UTC)
@@ -116,14 +119,26 @@ class Index:
 
     def _files(self) -> Iterator[tuple[Path, tuple[int, int]]]:
         for path in self.folder.iterdir():
-            if path.suffix == ".toml" and not path.name.startswith(".") and path.is_file():
+            if path.suffix != ".toml" or path.name.startswith(".") or not _is_text(path.name):
+                continue
+            with contextlib.suppress(FileNotFoundError):  # it has just gone
                 found = path.stat()
-                yield path, (found.st_mtime_ns, found.st_size)
+                if stat.S_ISREG(found.st_mode):
+                    yield path, (found.st_mtime_ns, found.st_size)
 
 
-def _listed(path: Path) -> Listed | None:
+def _is_text(name: str) -> bool:
+    """Whether nobody will stumble over a file's name: it may be any bytes."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return name.isprintable()
+
+
+def _listed(path: Path, size: int) -> Listed | None:
     """None for what is no passport at all, but something else that ends in .toml."""
-    if path.stat().st_size > LARGEST:
+    if size > LARGEST:
         return Listed(path, damage=f"{path.name} is larger than {LARGEST} bytes")
     damage = None
     try:
@@ -162,7 +177,7 @@ def save_as_new(passport: Passport, name: str, folder: Path) -> Path:
     """Keep it in a file of its own, named after the device and the time. Raises `UsageError`."""
     stem = f"{_stem(name)}-{passport.time.astimezone(UTC):%Y%m%dT%H%M%S}Z"
     path, number = folder / f"{stem}{ENDING}", 1
-    while path.exists():
+    while os.path.lexists(path):
         number += 1
         path = folder / f"{stem}-{number}{ENDING}"
     save(passport, path)

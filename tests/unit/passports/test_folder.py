@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -95,6 +96,8 @@ def test_what_is_damaged_and_what_is_something_else(tmp_path: Path) -> None:
     (tmp_path / ".hidden.toml").write_text(text)
     (tmp_path / "readme.txt").write_text(text)
     (tmp_path / "folder.toml").mkdir()
+    (tmp_path / os.fsdecode(b"\xff.toml")).write_text(text)
+    (tmp_path / "new\nline.toml").write_text(text)
     (tmp_path / "nowhere.toml").symlink_to(tmp_path / "gone")
     with (tmp_path / "large.passport.toml").open("wb") as file:
         file.truncate(LARGEST + 1)
