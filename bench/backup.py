@@ -13,8 +13,8 @@ from time import monotonic
 from bench.measure import Result, line_of
 from bench.scan import COMMAND
 from multidrop.io.connection import connect
+from multidrop.passports.backup import Backup
 from multidrop.profile import PointDescription, Profile
-from multidrop.tools.passports.backup import Backup
 from multidrop.tools.profiles.discover import Discovery, Meter
 from multidrop.tools.profiles.text import toml_text
 

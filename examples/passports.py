@@ -15,10 +15,10 @@ import sys
 from pathlib import Path
 
 import multidrop
+from multidrop.passports.backup import backup, load, save
+from multidrop.passports.difference import differences
+from multidrop.passports.restore import carry_out, plan
 from multidrop.points import Role
-from multidrop.tools.passports.backup import backup, load, save
-from multidrop.tools.passports.difference import differences
-from multidrop.tools.passports.restore import carry_out, plan
 from multidrop.tools.profiles.discover import Discovery
 from multidrop.tools.profiles.text import toml_text
 

@@ -29,7 +29,7 @@ from multidrop.points import Role
 from multidrop.profile import OfProfile, PointDescription, Profile, nearest
 from multidrop.protocols import PROTOCOLS
 
-TABLES = ("http", "history", "mqtt", "modbus", "faults")
+TABLES = ("http", "history", "mqtt", "modbus", "faults", "passports")
 """What stands beside the lines: the parts of a gateway. `gateway/settings.py` reads them."""
 
 

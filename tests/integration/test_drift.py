@@ -14,11 +14,12 @@ from integration.processes import multidrop, running
 from integration.threads import served, simulated
 from multidrop.io.connection import Target, connect
 from multidrop.naming import parse_device
+from multidrop.passports.backup import backup, save
+from multidrop.passports.drift import look
+from multidrop.passports.folder import Passports
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import SimulatedLine
-from multidrop.tools.passports.backup import backup, save
-from multidrop.tools.passports.drift import Passports, look
 
 
 @dataclass

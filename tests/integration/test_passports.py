@@ -20,14 +20,14 @@ from multidrop import errors
 from multidrop.catalog import load_profile
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.naming import parse_device
+from multidrop.passports.backup import Backup, backup, load, save
+from multidrop.passports.difference import differences
+from multidrop.passports.passport import Entry, Passport
+from multidrop.passports.restore import Action, Verdict, carry_out, plan
 from multidrop.points import Point, Role, Value
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, NoFaults, RandomFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
-from multidrop.tools.passports.backup import Backup, backup, load, save
-from multidrop.tools.passports.difference import differences
-from multidrop.tools.passports.passport import Entry, Passport
-from multidrop.tools.passports.restore import Action, Verdict, carry_out, plan
 
 PRESS = """
 [profile]

@@ -18,7 +18,7 @@ CHECKS = (
     "unsupported_method",
     "ignored_auth",
 )
-PARTS = '[faults]\npath = "faults"\n[history]\npath = "history.db"\n'
+PARTS = '[faults]\npath = "faults"\n[history]\npath = "history.db"\n[passports]\nmost = 20\n'
 SECONDS = "12"
 
 
@@ -41,7 +41,7 @@ def test_made_up_requests(tmp_path: Path, audit: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stdout[-6000:] + done.stderr
-        assert "Tested: 13" in done.stdout, done.stdout[-2000:]
+        assert "Tested: 20" in done.stdout, done.stdout[-2000:]
         assert client.get("/health").json["status"] == "ok"
         assert started.program.process.poll() is None
     records = [json.loads(line) for line in audit.read_text("utf-8").splitlines()]

@@ -14,6 +14,7 @@ from multidrop.cli.options import Common, common
 from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
+from multidrop.io.text_file import check_place, write_whole
 from multidrop.naming import DeviceName, parse_simulated
 from multidrop.points import PointDescription
 from multidrop.profile import Profile
@@ -21,7 +22,6 @@ from multidrop.tools.profiles.discover import Discovery
 from multidrop.tools.profiles.discovery_state import State
 from multidrop.tools.profiles.heard_points import heard
 from multidrop.tools.profiles.text import toml_text
-from multidrop.tools.text_file import check_place, write_whole
 
 
 @click.command(

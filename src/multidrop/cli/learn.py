@@ -16,11 +16,11 @@ from multidrop.cli.options import Common, common
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
+from multidrop.io.text_file import check_place, write_whole
 from multidrop.points import PointDescription, Reading, Role, shown_value
 from multidrop.profile import Profile
 from multidrop.tools.profiles.learn import Learning, Moved, described
 from multidrop.tools.profiles.text import toml_text, with_points
-from multidrop.tools.text_file import check_place, write_whole
 
 NAME = re.compile(r"[A-Za-z_]\w*").fullmatch
 MOST_SHOWN = 20

@@ -10,11 +10,11 @@ import click
 
 from multidrop.cli.options import Common, common
 from multidrop.io.audit import jsonable
+from multidrop.passports.backup import Backup, load, save
+from multidrop.passports.backup import backup as back_up
+from multidrop.passports.difference import Difference, differences
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import shown_value
-from multidrop.tools.passports.backup import Backup, load, save
-from multidrop.tools.passports.backup import backup as back_up
-from multidrop.tools.passports.difference import Difference, differences
-from multidrop.tools.passports.passport import Entry, Passport, Unread
 
 
 @click.command(epilog="Example: multidrop backup ultra3000:0@/dev/ttyUSB0 -o infeed.passport.toml")

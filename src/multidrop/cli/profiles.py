@@ -73,9 +73,9 @@ def export_profile(
     profile: str, output: str, semicolons: bool, force: bool, config: str | None
 ) -> None:
     """Write PROFILE as a table for spreadsheets, or as TOML to start one of your own from."""
+    from multidrop.io.text_file import check_place, write_whole
     from multidrop.tools.profiles.table import csv_text
     from multidrop.tools.profiles.text import toml_text
-    from multidrop.tools.text_file import check_place, write_whole
 
     path = Path(output)
     if path.suffix not in (".csv", ".toml"):
@@ -103,9 +103,9 @@ def import_profile(
     file: str, output: str, like: str | None, force: bool, config: str | None
 ) -> None:
     """Read a table that a spreadsheet saved, and write it as a profile."""
+    from multidrop.io.text_file import check_place, write_whole
     from multidrop.tools.profiles.table import decoded, from_csv
     from multidrop.tools.profiles.text import said, toml_text
-    from multidrop.tools.text_file import check_place, write_whole
 
     path = Path(output)
     if path.suffix != ".toml":

@@ -17,10 +17,9 @@ from multidrop.device import KeepsMemory
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import keeping
-from multidrop.points import Role
-from multidrop.tools.passports.backup import load, save
-from multidrop.tools.passports.passport import Entry
-from multidrop.tools.passports.restore import (
+from multidrop.passports.backup import load, save
+from multidrop.passports.passport import Entry
+from multidrop.passports.restore import (
     ON_REQUEST,
     Action,
     Plan,
@@ -31,6 +30,7 @@ from multidrop.tools.passports.restore import (
     plan,
     undo,
 )
+from multidrop.points import Role
 
 
 @click.command(

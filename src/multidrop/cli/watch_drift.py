@@ -12,14 +12,14 @@ import click
 from multidrop.cli.failures import exit_status, failure, report_failure
 from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
+from multidrop.gateway.settings import passports_folder
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
+from multidrop.passports.difference import Difference
+from multidrop.passports.drift import Drift, look, save_new
+from multidrop.passports.folder import Passports
+from multidrop.passports.passport import Entry
 from multidrop.plantfile import Plant
-from multidrop.tools.passports.difference import Difference
-from multidrop.tools.passports.drift import Drift, Passports, look, save_new
-from multidrop.tools.passports.passport import Entry
-
-FOLDER = "passports"
 
 
 @click.command(
@@ -28,7 +28,9 @@ FOLDER = "passports"
 )
 @click.argument("plant", metavar="PLANT.toml")
 @click.option(
-    "--passports", metavar="FOLDER", help=f"where passports are; {FOLDER} beside the plant file"
+    "--passports",
+    metavar="FOLDER",
+    help="where passports are; else what [passports] says, else passports beside the plant file",
 )
 @click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
 @click.option(
@@ -45,7 +47,7 @@ def watch_drift(
 
     found = find_plant(plant)
     assert found is not None, "a plant file that is named is read"
-    folder = Path(passports) if passports else Path(plant).parent / FOLDER
+    folder = Path(passports) if passports else passports_folder(found)
     if save and not folder.exists() and folder.parent.is_dir():
         folder.mkdir()
     if not found.devices:

@@ -11,6 +11,7 @@ from multidrop.gateway.settings import CLASSES
 PARTS: dict[str, str] = {
     "history": "multidrop.gateway.history",
     "faults": "multidrop.gateway.faults",
+    "passports": "multidrop.gateway.passports",
     "http": "multidrop.gateway.web",
     "modbus": "multidrop.gateway.modbus",
     "mqtt": "multidrop.gateway.mqtt",

@@ -1,4 +1,4 @@
-"""The tables of `multidrop.toml` beside the lines: `[http] [history] [mqtt] [modbus] [faults]`.
+"""The tables of `multidrop.toml` beside the lines: `[http] [history] [mqtt] [modbus] [faults] [passports]`.
 
 A part of the gateway is on where its table stands in the file. Each table is a
 dataclass here; each field is a key, with its meaning, for docs/reference/configuration.md.
@@ -84,6 +84,18 @@ class FaultSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class PassportSettings:
+    """`[passports]`: backups of devices, and what they differ in."""
+
+    path: str = entry("folder of the passports, which watch-drift looks into too", "passports")
+    most: int = entry(
+        "passports of each device from which on the page makes no more; none is ever deleted",
+        200,
+        least=1,
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """All of them; None where a table does not stand in the file: that part is off.
 
@@ -96,6 +108,7 @@ class Settings:
     mqtt: MqttSettings | None = None
     modbus: ModbusSettings | None = None
     faults: FaultSettings | None = None
+    passports: PassportSettings | None = None
     wrong: tuple[str, ...] = ()
 
     def path(self, text: str) -> Path:
@@ -109,6 +122,7 @@ CLASSES: Mapping[str, type] = {
     "mqtt": MqttSettings,
     "modbus": ModbusSettings,
     "faults": FaultSettings,
+    "passports": PassportSettings,
 }
 
 
@@ -118,6 +132,16 @@ def settings_of(plant: Plant) -> Settings:
     if settings.wrong:
         raise UsageError("\n".join(settings.wrong))
     return settings
+
+
+def passports_folder(plant: Plant) -> Path:
+    """Where the passports of a plant are, whether its gateway makes some or not. Raises `UsageError`."""
+    wrong: list[str] = []
+    table = plant.tables.get("passports", {})
+    found = read_table(PassportSettings, table, f"{plant.file}: passports", wrong)
+    if wrong or found is None:
+        raise UsageError("\n".join(wrong))
+    return Settings(Path(plant.file).parent).path(found.path)
 
 
 def survey_settings(plant: Plant) -> Settings:

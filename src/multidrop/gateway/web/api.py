@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
@@ -15,13 +14,14 @@ from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.store import MOST_BUCKETS
 from multidrop.gateway.web import metrics, past, shapes
 from multidrop.gateway.web.access import Access, Refused
+from multidrop.gateway.web.backups import Backups
+from multidrop.gateway.web.bodies import body_of, text_of
 from multidrop.gateway.web.guard import demand_json
 from multidrop.gateway.web.live import Live
-from multidrop.gateway.web.operations import Operation, Parameter, document, listed, ref
+from multidrop.gateway.web.operations import DEVICE, Operation, Parameter, document, listed, ref
 from multidrop.gateway.web.schemas import SCHEMAS, WRITE
 from multidrop.gateway.web.tokens import Right
 from multidrop.gateway.web.wire import Watch
-from multidrop.profile import nearest
 
 MOST_LISTENERS = 250
 """Event streams at a time."""
@@ -31,7 +31,6 @@ STATUS_EVERY = 1.0
 
 EVENT_STREAM = "text/event-stream"
 
-DEVICE = Parameter("device", "a device, by its name in the plant file", example="infeed")
 POINT = Parameter("point", "a point of it, by its name in the plant file", example="speed")
 LINE = Parameter("line", "a line, by its name in the plant file", example="press")
 START = Parameter("start", "s since 1970, or ISO 8601 with its zone", required=True)
@@ -97,6 +96,7 @@ class Api:
                       statuses=(404,)),
             Operation("GET", "/api/rights", "What the caller may do", self.rights,
                       schema=ref("Rights")),
+            *Backups(self.gateway, self._access).operations(),
         )  # fmt: skip
 
     def answering(self, operation: Operation) -> Callable[[Request], Awaitable[Response]]:
@@ -154,8 +154,8 @@ class Api:
         return JSONResponse({"name": name, "rights": sorted(rights)})
 
     async def read(self, request: Request) -> Response:
-        body = await _body(request, ("device", "point"))
-        device, point = self._found(_text(body, "device"), _text(body, "point"))
+        body = await body_of(request, ("device", "point"))
+        device, point = self._found(text_of(body, "device"), text_of(body, "point"))
         reading = await self.gateway.read(device, point)
         return JSONResponse(shapes.read_now(device, reading))
 
@@ -201,8 +201,8 @@ class Api:
 
     async def write(self, request: Request) -> Response:
         """Only what the gateway lets be written; a caller who goes away does not stop a write."""
-        body = await _body(request, ("device", "point", "value"))
-        device, point = _text(body, "device"), _text(body, "point")
+        body = await body_of(request, ("device", "point", "value"))
+        device, point = text_of(body, "device"), text_of(body, "point")
         value = body.get("value")
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise UsageError("value is not a number")
@@ -298,27 +298,6 @@ def _known_parameters(request: Request, operation: Operation) -> None:
     for name in request.query_params:
         if name not in known:
             raise UsageError(f"there is no parameter {name!r}")
-
-
-async def _body(request: Request, keys: Sequence[str]) -> dict[str, Any]:
-    """The body as an object. A key that nobody knows might ask for something else: refused."""
-    try:
-        body = json.loads(await request.body())
-    except (ValueError, RecursionError):
-        raise UsageError("the body is not JSON") from None
-    if not isinstance(body, dict):
-        raise UsageError("the body is not a JSON object")
-    for key in body:
-        if key not in keys:
-            raise UsageError(f"unknown key {key!r}{nearest(key, keys)}; keys are {', '.join(keys)}")
-    return body
-
-
-def _text(body: dict[str, Any], name: str) -> str:
-    value = body.get(name)
-    if not isinstance(value, str):
-        raise UsageError(f"{name} is missing, or not a text")
-    return value
 
 
 def _event(name: str, data: str) -> str:

@@ -52,6 +52,9 @@ class Parameter:
     example: Any = None
 
 
+DEVICE = Parameter("device", "a device, by its name in the plant file", example="infeed")
+
+
 @dataclass(frozen=True, slots=True)
 class Operation:
     """One method of one path. `right` is None for what anybody may ask who reaches the server."""
@@ -84,12 +87,13 @@ REASONS = {
     401: "a token is needed, or this one is not known",
     403: "not allowed: by the token, by the plant, or for another site",
     404: "there is no such thing",
+    409: "all of this device is being read already",
     413: "the body is too long",
     415: "the body is not application/json",
     421: "the request names another server",
     429: "too many listeners",
     502: "the device refused, or its answer cannot be used",
-    503: "the port of the line is away, or the gateway stops",
+    503: "the port of the line is away, the disk takes nothing, or the gateway stops",
     504: "the device does not answer",
 }
 

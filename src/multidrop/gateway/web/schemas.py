@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from multidrop.gateway.passports import State
 from multidrop.gateway.web.operations import (
     ANY_VALUE,
     NUMBER,
@@ -91,6 +92,7 @@ SCHEMAS: dict[str, Schema] = {
                 counters={"type": "object"},
             )
         ),
+        readings=listed(ref("ReadingAll")),
     ),
     "Value": fields(
         device=TEXT,
@@ -148,6 +150,48 @@ SCHEMAS: dict[str, Schema] = {
         **fields(v=WHOLE, device=TEXT, time=TIME, cleared=maybe(TIME)),
         "description": "docs/reference/freeze-frame.md",
     },
+    "DeviceName": {
+        **fields(device={**TEXT, "examples": ["infeed"]}),
+        "additionalProperties": False,
+    },
+    "ReadingAll": fields(
+        device=TEXT,
+        keep={**YES_NO, "description": "whether a passport is made of it"},
+        who=maybe(TEXT),
+        state=_one_of(State),
+        points=WHOLE,
+        done=WHOLE,
+        unreadable=WHOLE,
+        started=TIME,
+        ended=maybe(TIME),
+        name={**maybe(TEXT), "description": "of the passport"},
+        error=maybe(TEXT),
+    ),
+    "Passport": fields(
+        device=TEXT,
+        name=TEXT,
+        path={**TEXT, "description": "its file, from the folder of the plant file"},
+        made_as={**maybe(TEXT), "description": "PROFILE:ADDRESS@PORT it was made of"},
+        time=maybe(TIME),
+        points=WHOLE,
+        unreadable=WHOLE,
+        damage=maybe(TEXT),
+    ),
+    "Side": fields(value=ANY_VALUE, unit=maybe(TEXT), type=maybe(TEXT), reason=maybe(TEXT)),
+    "Differences": fields(
+        before=ref("Compared"),
+        after=ref("Compared"),
+        differences=listed(
+            fields(
+                point=TEXT,
+                name=maybe(TEXT),
+                role=_one_of(Role),
+                before={"anyOf": [ref("Side"), {"type": "null"}]},
+                after={"anyOf": [ref("Side"), {"type": "null"}]},
+            )
+        ),
+    ),
+    "Compared": fields(name=maybe(TEXT), made_as=TEXT, time=TIME, points=WHOLE, unreadable=WHOLE),
     "Rights": fields(
         name=maybe(TEXT), rights=listed({"type": "string", "enum": ["read", "write"]})
     ),

@@ -17,6 +17,7 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.passports import Busy, NoPassport, NotKept, Passports, Taking
 from multidrop.gateway.permission import NotAllowed
 from multidrop.gateway.polled import polled, role_of, target_of
 from multidrop.gateway.values import Update
@@ -27,6 +28,9 @@ from multidrop.writing import Written
 
 FAILURES: tuple[tuple[type[Error], int, str], ...] = (
     (NotAllowed, 403, "not-allowed"),
+    (Busy, 409, "busy"),
+    (NotKept, 503, "not-kept"),
+    (NoPassport, 404, "request"),
     (UsageError, 400, "usage"),
     (DeviceError, 502, "refused"),
     (NoReply, 504, "no-reply"),
@@ -159,6 +163,34 @@ def status(gateway: Gateway) -> dict[str, Any]:
         "now": now(),
         "lines": [asdict(line) for line in gateway.line_health()],
         "devices": [asdict(gateway.device_health(name)) for name in gateway.plant.devices],
+        "readings": readings(gateway),
+    }
+
+
+def readings(gateway: Gateway) -> list[dict[str, Any]]:
+    """How far the last reading of all points of each device is."""
+    passports = gateway.parts.get("passports")
+    if not isinstance(passports, Passports):
+        return []
+    return [
+        taking(item) for name, item in passports.takings.items() if name in gateway.plant.devices
+    ]
+
+
+def taking(item: Taking) -> dict[str, Any]:
+    """All of a device is being read, or was."""
+    return {
+        "device": item.device,
+        "keep": item.keep,
+        "who": item.who,
+        "state": item.state.value,
+        "points": item.points,
+        "done": item.done,
+        "unreadable": item.unreadable,
+        "started": utc(item.started),
+        "ended": None if item.ended is None else utc(item.ended),
+        "name": item.name,
+        "error": item.error,
     }
 
 

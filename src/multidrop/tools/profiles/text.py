@@ -10,7 +10,7 @@ from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.profile import PointDescription, Profile
-from multidrop.tools.profiles.toml_values import toml_key, toml_table, toml_value
+from multidrop.toml_values import toml_key, toml_table, toml_value
 
 
 def toml_text(profile: Profile, comment: str = "") -> str:

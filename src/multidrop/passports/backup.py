@@ -9,49 +9,28 @@ from importlib.metadata import version
 from pathlib import Path
 
 from multidrop.errors import Error, NoReply, PortError, ProtocolError, UsageError
-from multidrop.io.connection import Connection, Target
+from multidrop.io.connection import BaseConnection, Connection, Target
 from multidrop.io.readings import in_order, readable
+from multidrop.io.text_file import write_whole
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Point, Reading
-from multidrop.tools.passports.passport import Entry, Passport, Unread
-from multidrop.tools.text_file import write_whole
 
 GONE = 3
 """So many reads in a row without a reply, or the very first one, and the device counts as gone."""
 
 
 @dataclass(slots=True)
-class Backup:
-    """A backup on its way: `points` are what will be read, `passport` what is known so far."""
+class Known:
+    """What is known so far of a backup: `points` are what will be read."""
 
-    connection: Connection
+    connection: BaseConnection
     points: Sequence[Point]
     found: dict[str, Entry] = field(default_factory=dict)
     failed: dict[str, Error] = field(default_factory=dict)
     _silent: list[NoReply] = field(default_factory=list)  # in a row
 
-    @classmethod
-    def of(cls, connection: Connection) -> Backup:
-        """Of every readable point of the device's profile. Raises `UsageError` where it has none."""
-        return cls(connection, readable(connection.device))
-
-    def run(self) -> Iterator[Point]:
-        """Read them all; gives each point when it is known.
-
-        What a bad moment of the line hid is tried once more at the end. Raises
-        `PortError` when the port is lost, `NoReply` when the device has gone.
-        """
-        for point, found in in_order(self.connection, self.points):
-            self._note(point, found)
-            yield point
-        hidden = [
-            point
-            for point in self.points
-            if isinstance(self.failed.get(point.text), NoReply | ProtocolError)
-        ]
-        for point, found in in_order(self.connection, hidden):
-            self._note(point, found)
-
-    def _note(self, point: Point, found: Reading | Error) -> None:
+    def note(self, point: Point, found: Reading | Error) -> None:
+        """A point was read, or not. Raises `PortError` when the port is lost, `NoReply` when the device has gone."""
         if isinstance(found, PortError):
             raise found
         if isinstance(found, Error):
@@ -69,6 +48,14 @@ class Backup:
             if not self.found or len(self._silent) == GONE:
                 raise error
 
+    def hidden(self) -> list[Point]:
+        """What a bad moment of the line hid, which is worth another try."""
+        return [
+            point
+            for point in self.points
+            if isinstance(self.failed.get(point.text), NoReply | ProtocolError)
+        ]
+
     def passport(self) -> Passport:
         """The passport, its points in the order of the profile."""
         unreadable = {
@@ -80,6 +67,30 @@ class Backup:
             point.text: self.found[point.text] for point in self.points if point.text in self.found
         }
         return passport(self.connection.target, in_profile_order, unreadable)
+
+
+@dataclass(slots=True)
+class Backup(Known):
+    """A backup on its way, through a connection that does nothing else."""
+
+    connection: Connection
+
+    @classmethod
+    def of(cls, connection: Connection) -> Backup:
+        """Of every readable point of the device's profile. Raises `UsageError` where it has none."""
+        return cls(connection, readable(connection.device))
+
+    def run(self) -> Iterator[Point]:
+        """Read them all; gives each point when it is known.
+
+        What a bad moment of the line hid is tried once more at the end. Raises
+        `PortError` when the port is lost, `NoReply` when the device has gone.
+        """
+        for point, found in in_order(self.connection, self.points):
+            self.note(point, found)
+            yield point
+        for point, found in in_order(self.connection, self.hidden()):
+            self.note(point, found)
 
 
 def backup(connection: Connection) -> Passport:

@@ -16,7 +16,7 @@ from typing import Any
 from multidrop.errors import UsageError
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
-from multidrop.tools.profiles.toml_values import toml_value
+from multidrop.toml_values import toml_value
 
 VERSION = 1
 _BYTES = "bytes"
@@ -90,8 +90,10 @@ class Passport:
         """
         try:
             data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except ValueError as error:  # also for a number of more digits than Python reads
             raise UsageError(f"{file}: no passport: {error}") from None
+        except RecursionError:
+            raise UsageError(f"{file}: no passport: it is nested too deeply") from None
         _check_version(data, file)
         if not damaged:
             _check_sum(text, file)
@@ -161,6 +163,8 @@ def _passport(data: dict[str, Any], file: str) -> Passport:
     for key, kind in _HEAD.items():
         if not isinstance(head.get(key), kind) or isinstance(head[key], bool):
             raise UsageError(f"{file}: {key} is missing or no {_WORDS[kind]}")
+    if head["time"].tzinfo is None:
+        raise UsageError(f"{file}: time has no zone: it ends in Z")
     known = {*_HEAD, "passport", "points", "unreadable", "checksum"}
     for key in data:
         if key not in known:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from multidrop.errors import UsageError
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Role
-from multidrop.tools.passports.passport import Entry, Passport, Unread
 
 MOVING = frozenset({Role.SETPOINT, Role.COMMAND})
 """Roles that are compared on request only: they change while a machine works."""

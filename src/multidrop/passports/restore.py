@@ -14,10 +14,10 @@ from multidrop.device import Write
 from multidrop.errors import DeviceError, Error, NoReply, PortError, UsageError
 from multidrop.io.connection import Connection, keeping
 from multidrop.io.readings import in_order
+from multidrop.passports.backup import Backup, entry, passport
+from multidrop.passports.difference import same
+from multidrop.passports.passport import Entry, Passport
 from multidrop.points import Role
-from multidrop.tools.passports.backup import Backup, entry, passport
-from multidrop.tools.passports.difference import same
-from multidrop.tools.passports.passport import Entry, Passport
 from multidrop.writing import Outcome, Written
 
 ON_REQUEST = (Role.SETPOINT, Role.COMMUNICATION, Role.IDENTITY, Role.UNKNOWN)

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from multidrop.errors import UsageError
+from multidrop.passports.difference import Difference, differences
+from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Role
-from multidrop.tools.passports.difference import Difference, differences
-from multidrop.tools.passports.passport import Entry, Passport, Unread
 
 NOW = datetime(2026, 11, 22, 2, 31, 7, tzinfo=UTC)
 KP = Entry("0x011", "kp", Role.SETTING, 4.0, None, "uint16", "0200")
@@ -78,6 +78,9 @@ def test_a_file_that_passed_through_another_systems_line_ends_is_the_same() -> N
         ("address = 0", "address = true", "address is missing or no whole number"),
         ("baud = 38400\n", "", "baud is missing or no whole number"),
         ("time = 2026-11-22T02:31:07Z", "time = 3", "time is missing or no time"),
+        ("time = 2026-11-22T02:31:07Z", "time = 2026-11-22T02:31:07", "time has no zone: it ends in Z"),
+        ("value = 4.0", "value = " + "9" * 5000, "no passport: "),
+        ("value = 4.0", "value = " + "[" * 100_000, "no passport: it is nested too deeply"),
         ("passport = 1", "passport = 1\nowner = 3", "unknown key 'owner'"),
         ('role = "setting"', 'role = "secret"', "points.0x011.role 'secret' is none of: setting"),
         ('raw = "0200"', "raw = 200", "points.0x011.raw is missing or not text"),
