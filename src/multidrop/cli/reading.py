@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
@@ -26,7 +26,7 @@ RAW_SHOWN = 16
 LONG = 10
 """From so many points on, reading them shows its progress."""
 
-LOST = 5
+LOST = PortError.exit_status
 """Exit status when the port was lost: nothing more will come from it."""
 
 
@@ -81,7 +81,7 @@ def read_all(connection: Connection, points: Sequence[Point], as_json: bool, dev
             report_failure(found, str(point))
             if isinstance(found, PortError):
                 return max(status, LOST)
-        status = max(status, exit_status(found))
+        status = max(status, found.exit_status)
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status

@@ -15,7 +15,7 @@ import click
 from multidrop.cli.about import print_table
 from multidrop.cli.failures import INTERRUPTED
 from multidrop.cli.scan_taps import RoundTaps
-from multidrop.errors import PortError, UsageError
+from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
 from multidrop.naming import LINE_KEYS, LineOptions
 from multidrop.tools.scan.plan import (
@@ -33,8 +33,11 @@ from multidrop.tools.scan.scan import Progress, Scanner
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-NOTHING_FOUND, ANOTHER_MASTER, BROKE_IN = 4, 2, 6
-"""Exit status: no reply; refused before anything was sent; a frame that should not have come."""
+NOTHING_FOUND = NoReply.exit_status
+ANOTHER_MASTER = UsageError.exit_status
+"""Nothing was sent."""
+BROKE_IN = ProtocolError.exit_status
+"""A frame that should not have come."""
 FEW_ROUNDS = 4
 _PORT_KEYS = ("rts", "dtr", "direction")
 
@@ -318,7 +321,7 @@ def _fields(device: FoundDevice) -> dict[str, Any]:
         "note": device.note,
     }
     if device.error:
-        fields["error"] = {"kind": "protocol", "text": device.error}
+        fields["error"] = {"kind": ProtocolError.kind, "text": device.error}
     return fields
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
@@ -76,7 +76,7 @@ def _round(
             if line not in seen.get(name, ()):
                 click.echo(line)
         if drift.error is not None:
-            status = max(status, exit_status(drift.error))
+            status = max(status, drift.error.exit_status)
             if not as_json:
                 lines.append(f"{drift.error}")
                 if lines[-1] not in seen.get(name, ()):
