@@ -14,6 +14,7 @@ import click
 
 from multidrop.cli.about import print_table
 from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
@@ -57,7 +58,7 @@ def _port_options(command: Any) -> Any:
     "--protocol", "protocols", multiple=True, metavar="NAME", help="only this one; repeatable"
 )
 @click.option(
-    "--baud", "bauds", multiple=True, type=int, metavar="RATE", help="at this rate; repeatable"
+    "--baud", "bauds", multiple=True, type=Whole(), metavar="RATE", help="at this rate; repeatable"
 )
 @click.option("--format", "formats", multiple=True, metavar="8E1", help="in this one; repeatable")
 @click.option("--addresses", metavar="0..31", help="only these, as in 0..31 or 0,2,7..9")
@@ -65,9 +66,9 @@ def _port_options(command: Any) -> Any:
 @click.option(
     "--first", is_flag=True, help="end with the first protocol and setting that is answered"
 )
-@click.option("--timeout", type=float, metavar="S", help=f"s for an answer ({WAIT:g})")
+@click.option("--timeout", type=Number(), metavar="S", help=f"s for an answer ({WAIT:g})")
 @click.option("--thorough", is_flag=True, help=f"{LATE:g} s for each answer")
-@click.option("--listen", type=float, default=LISTEN, metavar="S", help=f"s before ({LISTEN:g})")
+@click.option("--listen", type=Number(), default=LISTEN, metavar="S", help=f"s before ({LISTEN:g})")
 @click.option("--anyway", is_flag=True, help="speak though another master is there")
 @click.option("--resume", is_flag=True, help="go on with a scan that was interrupted")
 @click.option("--state", metavar="FILE", help="where a scan is kept until it ends, for --resume")

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from multidrop.cli.failures import failure, report_failure
+from multidrop.cli.numbers import NumberFrom
 from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
@@ -30,7 +31,7 @@ FOLDER = "passports"
 @click.option(
     "--passports", metavar="FOLDER", help=f"where passports are; {FOLDER} beside the plant file"
 )
-@click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
 @click.option(
     "--save",
     is_flag=True,

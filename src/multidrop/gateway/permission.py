@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import isfinite
 
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, whole_number
 from multidrop.plant import Limits, PlantDevice
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
@@ -39,7 +39,7 @@ def number(text: Value | str) -> Value | str:
     """The number that a text says, where it says one: names of values stay what they are."""
     if not isinstance(text, str):
         return text
-    for read in (whole_number, float):
+    for read in (whole_number, decimal_number):
         try:
             return read(text)
         except ValueError:

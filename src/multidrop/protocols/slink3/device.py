@@ -9,7 +9,7 @@ from typing import Any
 from multidrop.conversation import Conversation, Wait
 from multidrop.device import OneByOne, Report, Sizes, Write
 from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role, Sample, Value
 from multidrop.profile import Profile
 from multidrop.protocols.slink3 import services, status
@@ -394,6 +394,6 @@ def dialect_of(profile: Profile, options: Mapping[str, str]) -> Dialect:
     if "broadcast" not in options:
         return chosen
     text = options["broadcast"]
-    if not text.isdecimal() or not 128 <= whole_number(text) <= 255:
+    if not is_digits(text) or not 128 <= whole_number(text) <= 255:
         raise UsageError(f"broadcast={text!r} is out of range: 128..255")
     return replace(chosen, broadcast=whole_number(text))
