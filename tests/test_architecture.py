@@ -36,6 +36,7 @@ GROUND = {
     "probing",
     "profile",
     "relay",
+    "serving",
     "sweeping",
     "session",
     "timing",

@@ -19,17 +19,32 @@ device's maker for `ProtocolError`, and a person who looks at the machine for
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 
 class Error(Exception):
-    """Base of everything below."""
+    """Base of everything below.
+
+    `kind` is its name wherever it is written as JSON, `exit_status` that of a
+    command which it ends: users' programs know both, so they stay as they are.
+    """
+
+    kind: ClassVar[str] = "failure"
+    exit_status: ClassVar[int] = 1
 
 
 class UsageError(Error):
     """What was asked cannot be said in this protocol, or the profile forbids it. Nothing was sent."""
 
+    kind = "usage"
+    exit_status = 2
+
 
 class DeviceError(Error):
     """The device understood the request and refused it."""
+
+    kind = "refused"
+    exit_status = 3
 
     def __init__(self, code: int, meaning: str, *, fault: bool | None = None) -> None:
         super().__init__(meaning)
@@ -47,6 +62,9 @@ class NoReply(Error):
     `damaged` holds what arrived in pieces, `heard` the valid frames that were
     not the answer (another slave's, a late one), both as raw bytes.
     """
+
+    kind = "no-reply"
+    exit_status = 4
 
     def __init__(
         self,
@@ -74,6 +92,9 @@ class NoReply(Error):
 class ProtocolError(Error):
     """A frame arrived whole and is ours, but says what the protocol does not allow."""
 
+    kind = "protocol"
+    exit_status = 6
+
     def __init__(self, message: str, raw: bytes = b"") -> None:
         super().__init__(message)
         self.raw = raw
@@ -86,6 +107,9 @@ class ProtocolError(Error):
 class OutcomeUnknown(Error):
     """A write went out and nobody can say whether it was carried out. `step` is where it was lost."""
 
+    kind = "unknown-outcome"
+    exit_status = 7
+
     def __init__(self, message: str, *, step: str) -> None:
         super().__init__(message)
         self.step = step
@@ -94,6 +118,9 @@ class OutcomeUnknown(Error):
 class NotApplied(Error):
     """A write went out and the read-back shows something else: `found`."""
 
+    kind = "not-applied"
+    exit_status = 8
+
     def __init__(self, message: str, *, found: object) -> None:
         super().__init__(message)
         self.found = found
@@ -101,6 +128,9 @@ class NotApplied(Error):
 
 class PortError(Error):
     """The port is missing, busy, not permitted, or was lost in the middle."""
+
+    kind = "port"
+    exit_status = 5
 
 
 def shown(pieces: tuple[bytes, ...], most: int = 3) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, whole_number
 from multidrop.profile import nearest
 from multidrop.timing import Format
 
@@ -94,7 +94,7 @@ def _value(key: str, text: str) -> object:
     if key == "format":
         return Format.parse(text)
     try:
-        return whole_number(text) if key in ("baud", "attempts") else float(text)
+        return whole_number(text) if key in ("baud", "attempts") else decimal_number(text)
     except ValueError:
         raise UsageError(f"{key}={text!r} is not a number") from None
 
@@ -142,7 +142,7 @@ def parse_port(text: str) -> tuple[str, dict[str, str]]:
 
 def _who(who: str, text: str) -> tuple[str, int]:
     profile, colon, address = who.partition(":")
-    if not colon or not profile or not re.fullmatch(r"\d+|0[xX][0-9a-fA-F]+", address):
+    if not colon or not profile or not re.fullmatch(r"[0-9]+|0[xX][0-9a-fA-F]+", address):
         raise UsageError(f"{text!r} is not a device: {GRAMMAR}")
     return profile, whole_number(address)
 

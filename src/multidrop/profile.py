@@ -109,7 +109,7 @@ def described_point(name: str, entry: Any, where: str) -> PointDescription:
     if given.get("scale", 1.0) == 0:
         raise UsageError(f"{where}.scale must not be 0")
     for raw in given.get("names", ()):
-        if not re.fullmatch(r"-?\d+", raw):
+        if not re.fullmatch(r"-?[0-9]+", raw):
             raise UsageError(f"{where}.names: {raw!r} is not a raw value in decimal")
     return PointDescription(name=name, **given)
 

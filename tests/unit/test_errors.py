@@ -20,6 +20,30 @@ def test_the_tree() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("error", "kind", "status"),
+    [
+        (errors.Error, "failure", 1),
+        (errors.UsageError, "usage", 2),
+        (errors.DeviceError, "refused", 3),
+        (errors.NoReply, "no-reply", 4),
+        (errors.PortError, "port", 5),
+        (errors.ProtocolError, "protocol", 6),
+        (errors.OutcomeUnknown, "unknown-outcome", 7),
+        (errors.NotApplied, "not-applied", 8),
+    ],
+)
+def test_what_programs_know_an_error_by(error: type[errors.Error], kind: str, status: int) -> None:
+    assert (error.kind, error.exit_status) == (kind, status)
+
+
+def test_each_error_has_its_own_kind_and_status() -> None:
+    """1 is a bug, 130 an interruption."""
+    every = errors.Error.__subclasses__()
+    assert len({error.kind for error in every} | {"failure"}) == len(every) + 1
+    assert len({error.exit_status for error in every} | {0, 1, 130}) == len(every) + 3
+
+
 def test_a_refusal_shows_its_code_in_hex() -> None:
     refusal = errors.DeviceError(0x12, "above the maximum", fault=True)
     assert str(refusal) == "refused with code 0012h: above the maximum"

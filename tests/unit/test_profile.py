@@ -72,6 +72,7 @@ def test_every_shipped_profile_can_be_loaded() -> None:
         ("scale = 0.1", "scal = 1", "points.speed: unknown key 'scal' - did you mean 'scale'?"),
         ('unit = "rpm"', "names = { on = '1' }", "points.speed.names: 'on' is not a raw value"),
         ('unit = "rpm"', "names = { 1 = 1 }", "points.speed.names holds 1"),
+        ('unit = "rpm"', "names = { '٢' = 'on' }", "points.speed.names: '٢' is not a raw value"),
         ('unit = "rpm"', "bits = [1]", r"points.speed.bits holds 1, which makes it no list\[str\]"),
         ('unit = "rpm"', "bits = 'on'", "points.speed.bits is 'on'"),
     ],

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import exit_status, failure_as_line, report_failure
+from multidrop.cli.failures import failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.writing import as_line, parse_assignment
 from multidrop.conversation import Conversation
@@ -91,7 +91,7 @@ def _open(target: Target, common: Common) -> Line:
 
 
 def _status(slave: Received) -> int:
-    errors = [exit_status(record.error) for record in slave.written if record.error is not None]
+    errors = [record.error.exit_status for record in slave.written if record.error is not None]
     return max(errors, default=0)
 
 

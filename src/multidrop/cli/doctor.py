@@ -17,6 +17,7 @@ import click
 
 from multidrop.catalog import CONFIG
 from multidrop.cli.listening import find_plant, protocol_name
+from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import UsageError
 from multidrop.io.connection import Target
@@ -53,8 +54,8 @@ def _line_options(command: Any) -> Any:
 @click.option("--protocol", metavar="P", help="slink3, datalink or ultra3000; else all, in turn")
 @click.option("--addresses", metavar="0..31", help="ask only these, as in 0..31 or 0,2,7..9")
 @click.option("--listen-only", is_flag=True, help="never send a byte")
-@click.option("--seconds", type=float, metavar="S", help="listen for so long (2; 10 alone)")
-@click.option("--times", type=int, default=TIMES, metavar="N", help=f"reads of each ({TIMES})")
+@click.option("--seconds", type=Number(), metavar="S", help="listen for so long (2; 10 alone)")
+@click.option("--times", type=Whole(), default=TIMES, metavar="N", help=f"reads of each ({TIMES})")
 @click.option("--report", "file", metavar="FILE", help="every byte with its time, to send in")
 @click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}")
 @click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")

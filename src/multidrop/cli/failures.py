@@ -1,4 +1,4 @@
-"""Errors as exit status, as JSON, and as words for a person."""
+"""Errors as JSON, and as words for a person."""
 
 from __future__ import annotations
 
@@ -9,38 +9,14 @@ from typing import Any
 
 import click
 
-from multidrop.errors import (
-    DeviceError,
-    Error,
-    NoReply,
-    NotApplied,
-    OutcomeUnknown,
-    PortError,
-    ProtocolError,
-    UsageError,
-)
+from multidrop.errors import DeviceError, Error, NoReply, OutcomeUnknown
 
 INTERRUPTED = 130
-
-_KINDS = {  # error -> (exit status, kind in JSON)
-    UsageError: (2, "usage"),
-    DeviceError: (3, "refused"),
-    NoReply: (4, "no-reply"),
-    PortError: (5, "port"),
-    ProtocolError: (6, "protocol"),
-    OutcomeUnknown: (7, "unknown-outcome"),
-    NotApplied: (8, "not-applied"),
-}
-
-
-def exit_status(error: Error) -> int:
-    """0 done; 1 is kept for bugs."""
-    return _KINDS[type(error)][0]
 
 
 def failure(error: Error) -> dict[str, Any]:
     """The `error` object of a JSON line."""
-    facts: dict[str, Any] = {"kind": _KINDS[type(error)][1]}
+    facts: dict[str, Any] = {"kind": error.kind}
     if isinstance(error, DeviceError):
         facts["code"] = error.code
         facts["text"] = error.meaning

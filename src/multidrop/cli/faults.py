@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from multidrop.cli.numbers import WholeFrom
 from multidrop.errors import UsageError
 from multidrop.gateway.freeze_frames import FreezeFrame, FreezeFrames
 from multidrop.gateway.plants import plant_path, read
@@ -18,7 +19,7 @@ from multidrop.gateway.settings import FaultSettings, survey_settings
     epilog="Example: multidrop faults winder, and multidrop faults winder 2 for the last but one"
 )
 @click.argument("device")
-@click.argument("number", type=click.IntRange(min=1), required=False, metavar="[NUMBER]")
+@click.argument("number", type=WholeFrom(min=1), required=False, metavar="[NUMBER]")
 @click.option("--json", is_flag=True, help="JSON Lines on standard output")
 @click.option("--config", metavar="FILE", help="the plant file, instead of ./multidrop.toml")
 def faults(device: str, number: int | None, json: bool, config: str | None) -> None:

@@ -14,6 +14,7 @@ import click
 from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile
 from multidrop.cli.options import CommandT
 from multidrop.errors import UsageError
+from multidrop.numerals import is_digits
 from multidrop.plantfile import Plant, load_plant
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
@@ -56,7 +57,7 @@ def company(plant: Plant | None, port: str, device_profiles: tuple[str, ...]) ->
             keys.update(device.device.options)
     for text in device_profiles:
         address_text, equals, profile = text.partition("=")
-        if not equals or not address_text.isdecimal() or not profile:
+        if not equals or not is_digits(address_text) or not profile:
             raise UsageError(f"{text!r} is not ADDRESS=PROFILE, as in 2=ax-v")
         profiles[int(address_text)] = load_profile(profile)
     return Company(profiles, names, keys)

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import INTERRUPTED, exit_status, report_failure
+from multidrop.cli.failures import INTERRUPTED, report_failure
 from multidrop.errors import Error
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
@@ -134,5 +134,5 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return 1
     except Error as error:
         report_failure(error)
-        return exit_status(error)
+        return error.exit_status
     return result if isinstance(result, int) else 0

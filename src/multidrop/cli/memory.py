@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, failure_as_line, report_failure
+from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.reading import with_progress
 from multidrop.cli.writing import as_line, show_record
@@ -57,7 +57,7 @@ def _carry_out(connection: Connection, copies: Sequence[Copy], as_json: bool) ->
                 click.echo(as_line(connection.name, record))
             else:
                 show_record(record)
-        status = max((exit_status(item.error) for item in records if item.error), default=0)
+        status = max((item.error.exit_status for item in records if item.error), default=0)
         if status:
             return status
     return 0
@@ -78,7 +78,7 @@ def compare_memory(common: Common, device: str, everything: bool) -> int:
     with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         for point, memory in with_progress(_compared(connection, points), len(points)):
             if isinstance(memory, Error):
-                status = max(status, exit_status(memory))
+                status = max(status, memory.exit_status)
                 if common.json:
                     line = {"v": 1, "device": connection.name, "point": point.text}
                     click.echo(json_module.dumps({**line, "error": failure(memory)}))

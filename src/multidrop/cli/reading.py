@@ -10,7 +10,8 @@ from typing import TypeVar
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
+from multidrop.cli.numbers import NumberFrom
 from multidrop.cli.options import Common, common
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
@@ -26,7 +27,7 @@ RAW_SHOWN = 16
 LONG = 10
 """From so many points on, reading them shows its progress."""
 
-LOST = 5
+LOST = PortError.exit_status
 """Exit status when the port was lost: nothing more will come from it."""
 
 
@@ -36,7 +37,7 @@ LOST = 5
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
 @click.option("--all", "everything", is_flag=True, help="every readable point of the profile")
-@click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
 @common()
 def read(
     common: Common, device: str, points: tuple[str, ...], everything: bool, every: float | None
@@ -81,7 +82,7 @@ def read_all(connection: Connection, points: Sequence[Point], as_json: bool, dev
             report_failure(found, str(point))
             if isinstance(found, PortError):
                 return max(status, LOST)
-        status = max(status, exit_status(found))
+        status = max(status, found.exit_status)
     if fault and not as_json:
         click.secho(f"the device is in fault: multidrop status {device}", err=True, fg="yellow")
     return status

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
 from multidrop.device import KeepsMemory
@@ -106,7 +106,7 @@ def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
     for done in verdicts:
         count[done.verdict] += 1
         if done.error is not None:
-            status = max(status, exit_status(done.error))
+            status = max(status, done.error.exit_status)
         if common.json:
             click.echo(_as_line(device, done))
         else:

@@ -53,7 +53,7 @@ def _print_json(checked: Checked) -> None:
         counts = {"devices": line.devices, "points": line.points, "load": round(line.load, 4)}
         click.echo(json_module.dumps({"v": 1, **facts, **counts}))
     for text in checked.wrong:
-        click.echo(json_module.dumps({"v": 1, "error": {"kind": "usage", "text": text}}))
+        click.echo(json_module.dumps({"v": 1, "error": {"kind": UsageError.kind, "text": text}}))
 
 
 def _print_table(checked: Checked) -> None:

@@ -14,8 +14,9 @@ import click
 
 from multidrop.cli.about import print_table
 from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
-from multidrop.errors import PortError, UsageError
+from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
 from multidrop.naming import LINE_KEYS, LineOptions
 from multidrop.tools.scan.plan import (
@@ -33,8 +34,11 @@ from multidrop.tools.scan.scan import Progress, Scanner
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-NOTHING_FOUND, ANOTHER_MASTER, BROKE_IN = 4, 2, 6
-"""Exit status: no reply; refused before anything was sent; a frame that should not have come."""
+NOTHING_FOUND = NoReply.exit_status
+ANOTHER_MASTER = UsageError.exit_status
+"""Nothing was sent."""
+BROKE_IN = ProtocolError.exit_status
+"""A frame that should not have come."""
 FEW_ROUNDS = 4
 _PORT_KEYS = ("rts", "dtr", "direction")
 
@@ -54,7 +58,7 @@ def _port_options(command: Any) -> Any:
     "--protocol", "protocols", multiple=True, metavar="NAME", help="only this one; repeatable"
 )
 @click.option(
-    "--baud", "bauds", multiple=True, type=int, metavar="RATE", help="at this rate; repeatable"
+    "--baud", "bauds", multiple=True, type=Whole(), metavar="RATE", help="at this rate; repeatable"
 )
 @click.option("--format", "formats", multiple=True, metavar="8E1", help="in this one; repeatable")
 @click.option("--addresses", metavar="0..31", help="only these, as in 0..31 or 0,2,7..9")
@@ -62,9 +66,9 @@ def _port_options(command: Any) -> Any:
 @click.option(
     "--first", is_flag=True, help="end with the first protocol and setting that is answered"
 )
-@click.option("--timeout", type=float, metavar="S", help=f"s for an answer ({WAIT:g})")
+@click.option("--timeout", type=Number(), metavar="S", help=f"s for an answer ({WAIT:g})")
 @click.option("--thorough", is_flag=True, help=f"{LATE:g} s for each answer")
-@click.option("--listen", type=float, default=LISTEN, metavar="S", help=f"s before ({LISTEN:g})")
+@click.option("--listen", type=Number(), default=LISTEN, metavar="S", help=f"s before ({LISTEN:g})")
 @click.option("--anyway", is_flag=True, help="speak though another master is there")
 @click.option("--resume", is_flag=True, help="go on with a scan that was interrupted")
 @click.option("--state", metavar="FILE", help="where a scan is kept until it ends, for --resume")
@@ -318,7 +322,7 @@ def _fields(device: FoundDevice) -> dict[str, Any]:
         "note": device.note,
     }
     if device.error:
-        fields["error"] = {"kind": "protocol", "text": device.error}
+        fields["error"] = {"kind": ProtocolError.kind, "text": device.error}
     return fields
 
 

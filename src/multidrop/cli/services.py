@@ -10,10 +10,8 @@ import click
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
 from multidrop.device import Report
+from multidrop.errors import DeviceError
 from multidrop.io.connection import Connection, Target, acting
-
-REFUSED = 3
-"""Exit status of an answer that is shown, and is a refusal."""
 
 
 @click.command(epilog="Example: multidrop status flexmax:0@/dev/ttyUSB0")
@@ -62,7 +60,7 @@ def raw(common: Common, device: str, body: tuple[str, ...]) -> int:
     target.device().prepare_raw(text)
     common.confirm(f"Send {text} to {device}? It may move the machine.", needs_yes=False)
     report = _served(common, target, lambda connection: connection.raw(text))
-    return REFUSED if report.refused else 0
+    return DeviceError.exit_status if report.refused else 0  # it was shown
 
 
 @click.command(epilog="Example: multidrop action ultra3000:0@/dev/ttyUSB0 define_home")

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import click
 
 from multidrop.catalog import load_profile
+from multidrop.cli.numbers import Number, Whole
 from multidrop.errors import UsageError
 from multidrop.io.connection import line_settings
 from multidrop.io.listen import Listener
@@ -38,18 +39,20 @@ from multidrop.timing import LineSettings
     "--tap", metavar="WHERE", help="where others may listen to the line: tcp://... or pty[:LINK]"
 )
 @click.option("--pace", is_flag=True, help="every byte takes its time on the line")
-@click.option("--baud", type=int, metavar="RATE", help="baud rate of --pace")
+@click.option("--baud", type=Whole(), metavar="RATE", help="baud rate of --pace")
 @click.option(
-    "--burst", type=float, default=0.0, metavar="MS", help="deliver in bursts, as adapters do"
+    "--burst", type=Number(), default=0.0, metavar="MS", help="deliver in bursts, as adapters do"
 )
-@click.option("--delay", type=float, default=0.0, metavar="MS", help="from a request to its answer")
+@click.option(
+    "--delay", type=Number(), default=0.0, metavar="MS", help="from a request to its answer"
+)
 @click.option("--fault", "faults", multiple=True, metavar="NAME=RATE", help="such as no-answer=5%")
 @click.option(
-    "--late", type=float, default=LATE, metavar="S", help="how late a late answer is (1.0)"
+    "--late", type=Number(), default=LATE, metavar="S", help="how late a late answer is (1.0)"
 )
 @click.option("--echo", is_flag=True, help="the line hears itself")
 @click.option("--stuffing", metavar="X", help="on or off: byte stuffing (datalink)")
-@click.option("--seed", type=int, help="the same faults again")
+@click.option("--seed", type=Whole(), help="the same faults again")
 def simulate(
     devices: tuple[str, ...],
     capture: str | None,

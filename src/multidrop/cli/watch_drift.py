@@ -9,7 +9,8 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
+from multidrop.cli.numbers import NumberFrom
 from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import passports_folder
@@ -32,7 +33,7 @@ from multidrop.plantfile import Plant
     metavar="FOLDER",
     help="where passports are; else what [passports] says, else passports beside the plant file",
 )
-@click.option("--every", type=click.FloatRange(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
 @click.option(
     "--save",
     is_flag=True,
@@ -78,7 +79,7 @@ def _round(
             if line not in seen.get(name, ()):
                 click.echo(line)
         if drift.error is not None:
-            status = max(status, exit_status(drift.error))
+            status = max(status, drift.error.exit_status)
             if not as_json:
                 lines.append(f"{drift.error}")
                 if lines[-1] not in seen.get(name, ()):

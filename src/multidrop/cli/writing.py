@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from multidrop.cli.failures import exit_status, failure, report_failure
+from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.device import Write
 from multidrop.errors import Error, PortError, UsageError
@@ -93,7 +93,7 @@ def _write_all(
             except Error as error:  # nothing was sent
                 record = Written(write.point, write.value, Outcome.NOT_SENT, error=error)
         if record.error is not None:
-            status = max(status, exit_status(record.error))
+            status = max(status, record.error.exit_status)
             stopped = not keep_going or _broke_off(record.error)
         click.echo(as_line(connection.name, record)) if as_json else show_record(record)
     return status

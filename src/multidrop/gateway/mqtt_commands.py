@@ -31,16 +31,16 @@ LONGEST_EXPIRY = 10
 LONGEST_PAYLOAD = 64
 """Bytes; no number that can be meant is longer."""
 
-KINDS: dict[type[Error], tuple[str, Outcome]] = {
-    UsageError: ("usage", Outcome.NOT_SENT),
-    DeviceError: ("refused", Outcome.NOT_APPLIED),
-    NoReply: ("no-reply", Outcome.NOT_SENT),
-    PortError: ("port", Outcome.NOT_SENT),
-    ProtocolError: ("protocol", Outcome.UNKNOWN),
-    OutcomeUnknown: ("unknown-outcome", Outcome.UNKNOWN),
-    NotApplied: ("not-applied", Outcome.NOT_APPLIED),
+OUTCOMES: dict[type[Error], Outcome] = {
+    UsageError: Outcome.NOT_SENT,
+    DeviceError: Outcome.NOT_APPLIED,
+    NoReply: Outcome.NOT_SENT,
+    PortError: Outcome.NOT_SENT,
+    ProtocolError: Outcome.UNKNOWN,
+    OutcomeUnknown: Outcome.UNKNOWN,
+    NotApplied: Outcome.NOT_APPLIED,
 }
-"""What went wrong -> its name, as the command line prints it, and what is known of the write."""
+"""What went wrong -> what is known of the write."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +104,13 @@ def done(key: Key | None, written: Written) -> str:
 
 def failed(key: Key | None, asked: Any, error: Error) -> str:
     """The answer to a command that was refused, or failed."""
-    name, outcome = next(
-        (known for kind, known in KINDS.items() if isinstance(error, kind)),
-        ("failure", Outcome.UNKNOWN),
-    )
+    known = (outcome for which, outcome in OUTCOMES.items() if isinstance(error, which))
+    outcome = next(known, Outcome.UNKNOWN)
     code = error.code if isinstance(error, DeviceError) else None
     facts = {
         "asked": asked,
         "outcome": outcome.value,
-        "error": {"kind": name, "code": code, "text": str(error)},
+        "error": {"kind": error.kind, "code": code, "text": str(error)},
     }
     return _answer(key, facts)
 

@@ -31,13 +31,19 @@ MOST_HELD = 32
 class Busy(UsageError):
     """All of this device is being read already."""
 
+    kind = "busy"
+
 
 class NotKept(UsageError):
     """The folder does not take a passport, or cannot be read."""
 
+    kind = "not-kept"
+
 
 class NoPassport(UsageError):
     """There is none of this name, or the device was not read yet."""
+
+    kind = "request"
 
 
 class _Stopped(Exception):

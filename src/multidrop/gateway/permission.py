@@ -6,7 +6,7 @@ from collections.abc import Callable
 from math import isfinite
 
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, whole_number
 from multidrop.plant import Limits, PlantDevice
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
@@ -14,6 +14,8 @@ from multidrop.profile import nearest
 
 class NotAllowed(UsageError):
     """Nothing was sent: the plant does not allow this write."""
+
+    kind = "not-allowed"
 
 
 def allowed(device: PlantDevice, point: str, role: Callable[[], Role]) -> Limits:
@@ -37,7 +39,7 @@ def number(text: Value | str) -> Value | str:
     """The number that a text says, where it says one: names of values stay what they are."""
     if not isinstance(text, str):
         return text
-    for read in (whole_number, float):
+    for read in (whole_number, decimal_number):
         try:
             return read(text)
         except ValueError:

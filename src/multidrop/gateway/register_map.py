@@ -20,6 +20,7 @@ from pathlib import Path
 
 from multidrop.errors import UsageError
 from multidrop.gateway.polled import target_of
+from multidrop.numerals import is_digits
 from multidrop.plantfile import Plant
 from multidrop.points import Value
 from multidrop.profile import nearest
@@ -276,7 +277,7 @@ def _entry(cells: tuple[str, ...], where: str, wrong: list[str]) -> Entry | None
         wrong.append(f"{where}: there is no type {kind!r}{nearest(kind, known)}")
         return None
     found = RegisterType(kind)
-    right = number.isascii() and number.isdigit() and len(number) <= len(str(REGISTERS))
+    right = is_digits(number) and len(number) <= len(str(REGISTERS))
     if not right or int(number) + found.size > REGISTERS:
         wrong.append(f"{where}: {number!r} is no register for it, 0 to {REGISTERS - found.size}")
         return None

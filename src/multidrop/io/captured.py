@@ -14,6 +14,7 @@ from typing import NamedTuple
 from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
 from multidrop.io import pcapng
+from multidrop.numerals import is_digits
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import Format, LineSettings
 
@@ -294,7 +295,7 @@ def _interface(body: bytes, order: str) -> Interface:
 def _known(comment: str) -> Known | None:
     """`device ADDRESS PROFILE NAME`, as the writer has it; other comments are for people."""
     word, *rest = comment.split(" ", 3)
-    if word != "device" or len(rest) < 2 or not rest[0].isdecimal():
+    if word != "device" or len(rest) < 2 or not is_digits(rest[0]):
         return None
     return Known(int(rest[0]), rest[1], rest[2] if len(rest) == 3 else "")
 

@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from multidrop.errors import UsageError
+from multidrop.numerals import decimal_number
 from multidrop.profile import nearest
 
 LATE = 1.0
@@ -89,7 +90,7 @@ def parse_fault(text: str) -> tuple[Fault, float]:
             f"there is no fault {name!r}{nearest(name, names)}; faults are {' '.join(names)}"
         ) from None
     try:
-        rate = float(rate_text.rstrip("%")) / (100 if rate_text.endswith("%") else 1)
+        rate = decimal_number(rate_text.rstrip("%")) / (100 if rate_text.endswith("%") else 1)
     except ValueError:
         rate = -1.0
     if not equals or not 0 <= rate <= 1:

@@ -706,7 +706,7 @@ slink3.may_ask = slink3.from_master
 
 function slink3.expects(frame) return frame.address < 128 end
 
-register(slink3, wtap.USER0)
+register(slink3, wtap_encaps.USER0)
 
 -- Datalink ----------------------------------------------------------------------------------------------
 
@@ -923,7 +923,7 @@ datalink.may_ask = datalink.from_master
 
 function datalink.expects(frame) return frame.command ~= DATALINK_ACKNOWLEDGE end
 
-register(datalink, wtap.USER1)
+register(datalink, wtap_encaps.USER1)
 
 -- Ultra3000 ---------------------------------------------------------------------------------------------
 
@@ -1054,7 +1054,7 @@ end
 
 function ultra3000.expects(frame) return frame.address < 254 end
 
-register(ultra3000, wtap.USER2)
+register(ultra3000, wtap_encaps.USER2)
 
 -- Bytes of no known protocol ------------------------------------------------------------------------------
 
@@ -1073,4 +1073,4 @@ function raw.proto.dissector(tvb, pinfo, root)
    pinfo.cols.info = hex(bytes)
 end
 
-DissectorTable.get("wtap_encap"):add(wtap.USER3, raw.proto)
+DissectorTable.get("wtap_encap"):add(wtap_encaps.USER3, raw.proto)

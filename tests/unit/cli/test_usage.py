@@ -8,6 +8,7 @@ from multidrop.cli.main import COMMANDS
 from unit.cli.conftest import CommandLine
 
 PORT = "tcp://127.0.0.1:1"  # nobody listens there: a refusal that comes too late is exit 5
+PTY = ("--listen", "pty")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -49,6 +50,21 @@ def test_the_version(command_line: CommandLine) -> None:
         (("read", f"flexmax:0@{PORT}", "8236", "--evry", "1"), "--every"),
         (("read", f"flexmax:0@{PORT}", "8236", "--every", "soon"), "not a valid float"),
         (("read", f"flexmax:0@{PORT}", "8236", "--every", "-1"), "not in the range"),
+        (("read", f"flexmax:0@{PORT}", "8236", "--every", "٢"), "not a valid float"),
+        (("read", f"flexmax:0@{PORT}", "8236", "--every", "1_5"), "not a valid float"),
+        (("read", f"flexmax:0@{PORT}", "8236", "--baud", "٩600"), "baud='٩600' is not a number"),
+        (("read", f"flexmax:0@{PORT}", "٨٢٣٦"), "is not a point: [DEST/]INDEX"),
+        (("write", f"flexmax:0@{PORT}", "8236:int16=٢"), "not a whole number, decimal or 0x hex"),
+        (("read", f"flexmax:٢@{PORT}", "8236"), "is not a device: PROFILE:ADDRESS"),
+        (("read", "flexmax:0@tcp://127.0.0.1:٤٠٠١", "8236"), "Port could not be cast"),
+        (("broadcast", f"flexmax@{PORT}", "8236:int16=1", "--verify", "٢"), "--verify"),
+        (("scan", PORT, "--baud", "٩600"), "not a valid integer"),
+        (("scan", PORT, "--addresses", "٢..31"), "are not of the form 0..31"),
+        (("scan", PORT, "--addresses", "0b1"), "are not of the form 0..31"),
+        (("doctor", PORT, "--times", "٢"), "not a valid integer"),
+        (("simulate", "flexmax:٢", *PTY), "is not a device"),
+        (("simulate", "flexmax:2", *PTY, "--fault", "noise=٢%"), "is not of the form noise=5%"),
+        (("sniff", PORT, "--device-profile", "٢=ax-v"), "is not ADDRESS=PROFILE"),
         (("read", f"flexmax:0@{PORT}", "8236", "--yes=1"), "does not take a value"),
         (("doctor",), "Missing argument"),
         (("doctor", PORT, "--protocol", "modbus"), "there is no protocol 'modbus'"),

@@ -91,8 +91,8 @@ def test_no_other_value(value: Value) -> None:
 
 
 def test_a_number_may_come_as_text() -> None:
-    said = [number(text) for text in ("12", "0x10", "1.5", "fast", 7)]
-    assert said == [12, 16, 1.5, "fast", 7]
+    said = [number(text) for text in ("12", "0x10", "1.5", "fast", 7, "٢", "1_5")]
+    assert said == [12, 16, 1.5, "fast", 7, "٢", "1_5"]
     assert isinstance(number("12"), int)
 
 

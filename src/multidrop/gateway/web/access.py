@@ -18,6 +18,7 @@ from urllib.parse import urlsplit
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import HttpSettings, Settings
 from multidrop.gateway.web.tokens import Right, Token, TokenFile
+from multidrop.numerals import is_digits
 
 HOW = """\
     multidrop token NAME --write -o tokens.toml
@@ -43,7 +44,7 @@ def split_address(text: str) -> tuple[str, int]:
     """`127.0.0.1:8080` or `[::1]:8080`. Raises `UsageError`."""
     host, colon, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    if not colon or not host or not port.isascii() or not port.isdigit() or int(port) > 65535:
+    if not colon or not host or not is_digits(port) or int(port) > 65535:
         raise UsageError(f"http.listen is {text!r}, which is not HOST:PORT")
     return host, int(port)
 

@@ -26,29 +26,27 @@ from multidrop.plantfile import PlantDevice
 from multidrop.points import Point, Reading, Role
 from multidrop.writing import Written
 
-FAILURES: tuple[tuple[type[Error], int, str], ...] = (
-    (NotAllowed, 403, "not-allowed"),
-    (Busy, 409, "busy"),
-    (NotKept, 503, "not-kept"),
-    (NoPassport, 404, "request"),
-    (UsageError, 400, "usage"),
-    (DeviceError, 502, "refused"),
-    (NoReply, 504, "no-reply"),
-    (ProtocolError, 502, "protocol"),
-    (OutcomeUnknown, 502, "unknown-outcome"),
-    (NotApplied, 502, "not-applied"),
-    (PortError, 503, "port"),
+FAILURES: tuple[tuple[type[Error], int], ...] = (
+    (NotAllowed, 403),
+    (Busy, 409),
+    (NotKept, 503),
+    (NoPassport, 404),
+    (UsageError, 400),
+    (DeviceError, 502),
+    (NoReply, 504),
+    (ProtocolError, 502),
+    (OutcomeUnknown, 502),
+    (NotApplied, 502),
+    (PortError, 503),
 )
-"""What went wrong -> HTTP status, and the kind as the command line prints it."""
+"""What went wrong -> HTTP status; the first that fits."""
 
 
 def failure(error: Error) -> tuple[int, dict[str, Any]]:
     """HTTP status and body of what went wrong."""
-    for kind, status, name in FAILURES:
-        if isinstance(error, kind):
-            code = getattr(error, "code", None)
-            return status, {"error": {"kind": name, "code": code, "text": str(error)}}
-    return 500, {"error": {"kind": "failure", "code": None, "text": str(error)}}
+    status = next((status for which, status in FAILURES if isinstance(error, which)), 500)
+    code = getattr(error, "code", None)
+    return status, {"error": {"kind": error.kind, "code": code, "text": str(error)}}
 
 
 def utc(time: datetime) -> str:

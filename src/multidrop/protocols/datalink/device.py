@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from multidrop.conversation import Conversation
 from multidrop.device import Report, Sizes, Write
 from multidrop.errors import NoReply, ProtocolError, UsageError
+from multidrop.numerals import decimal_number
 from multidrop.points import Point, Sample, Value
 from multidrop.profile import Profile
 from multidrop.protocols.datalink import entry, status
@@ -299,7 +300,7 @@ def stuffing_of(options: Mapping[str, str]) -> bool:
 def _settle_of(options: Mapping[str, str]) -> float:
     text = options.get("settle", str(SETTLE))
     try:
-        settle = float(text)
+        settle = decimal_number(text)
     except ValueError:
         raise UsageError(f"settle={text!r} is not a number of seconds") from None
     if not 0 <= settle <= 60:

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from multidrop.errors import UsageError
-from multidrop.events import Damaged, FrameReceived
 from multidrop.protocols.datalink.frame import (
     MOST_ADDRESS,
     Command,
@@ -24,6 +23,7 @@ from multidrop.protocols.datalink.frame import (
 )
 from multidrop.protocols.datalink.memory import END
 from multidrop.protocols.datalink.messages import applied, extent
+from multidrop.serving import BaseSlave
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,16 +61,18 @@ class Request:
         return applied(self.frame, old)
 
 
-class Slave:
-    """The instrument at `address`, 0..31. `stuffing` is off where its option says so."""
+class Slave(BaseSlave[Frame, Request]):
+    """The instrument at `address`, 0..31. `stuffing` is off where its option says so.
+
+    100 ms without a byte in the middle of a message are its `silence` (53IT5100A).
+    """
 
     def __init__(self, address: int, *, stuffing: bool = True) -> None:
         if not 0 <= address <= MOST_ADDRESS:
             raise UsageError(
                 f"address {address} is out of range: an instrument has 0..{MOST_ADDRESS}"
             )
-        self.address = address
-        self._decoder = decoder(stuffing)
+        super().__init__(address, decoder(stuffing))
         self._pending: Frame | None = None
 
     @property
@@ -78,27 +80,9 @@ class Slave:
         """The change that waits for its Acknowledge."""
         return self._pending
 
-    def receive_data(self, data: bytes) -> list[Request]:
-        """Take bytes from the line; returns the requests in them that want an answer or an action."""
-        return self.receive_events(self._decoder.receive_data(data))
-
-    def silence(self) -> list[Request]:
-        """The line fell silent in the middle of a message: 100 ms (53IT5100A)."""
-        return self.receive_events(self._decoder.silence())
-
     def acknowledge_overdue(self) -> None:
         """The time for the Acknowledge is over, 100 ms after the echo: the change is dropped."""
         self._pending = None
-
-    def receive_events(self, events: list[FrameReceived[Frame] | Damaged]) -> list[Request]:
-        """The same for bytes that one decoder has decoded for all instruments of a line."""
-        requests = []
-        for event in events:
-            if isinstance(event, FrameReceived):
-                request = self._receive(event.frame)
-                if request is not None:
-                    requests.append(request)
-        return requests
 
     def answer(self, request: Request, reply: Reply) -> bytes:
         """The bytes to send for a request, stuffed as it was; none for an acknowledged change."""

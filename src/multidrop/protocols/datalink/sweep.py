@@ -23,7 +23,7 @@ from multidrop.protocols.datalink.points import DataPoint
 from multidrop.sweeping import DISCOVERED, Discovered
 
 RANGE = "FIRST..LAST, addresses of memory as in 0x0600..0x0EFF"
-_NUMBER = r"(0[xX][0-9a-fA-F]{1,4}|\d{1,5})"
+_NUMBER = r"(0[xX][0-9a-fA-F]{1,4}|[0-9]{1,5})"
 _RANGE = re.compile(rf"{_NUMBER}(?:\.\.{_NUMBER})?")
 _LETTERS = ("B", "L", "C", "H", "A")  # F is another view of A
 

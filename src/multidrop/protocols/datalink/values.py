@@ -6,7 +6,7 @@ A value that does not fit is refused before anything is sent.
 from __future__ import annotations
 
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, whole_number
 from multidrop.points import Value
 from multidrop.protocols.datalink.memory import SIZES
 from multidrop.protocols.datalink.reals import decode_real, encode_real
@@ -98,7 +98,7 @@ def parse_value(letter: str, text: str) -> Value:
         return _BOOLS[text.lower()]
     try:
         whole = letter == "B" or "0x" in text.lower()
-        return whole_number(text) if whole else float(text)
+        return whole_number(text) if whole else decimal_number(text)
     except ValueError:
         kind = "whole number" if letter == "B" else "number"
         raise UsageError(f"{text!r} is not a {kind}") from None

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
-from multidrop.conversation import Conversation, Wait
+from multidrop.conversation import Conversation
 from multidrop.device import OneByOne, Report, Sizes, Write
-from multidrop.errors import DeviceError, NoReply, NotApplied, OutcomeUnknown, UsageError
-from multidrop.numerals import whole_number
+from multidrop.errors import DeviceError, UsageError
+from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role, Sample, Value
 from multidrop.profile import Profile
-from multidrop.protocols.slink3 import services, status
+from multidrop.protocols.slink3 import services
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, TYPES_TO_TRY, Dialect
 from multidrop.protocols.slink3.frame import MOST_DATA, Frame
-from multidrop.protocols.slink3.master import NO_REFUSALS, Master, StatusWord, believed
+from multidrop.protocols.slink3.master import Master, believed
 from multidrop.protocols.slink3.messages import (
-    Command,
     Response,
-    command_name,
-    response_meaning,
 )
 from multidrop.protocols.slink3.points import ParameterPoint, parse_point, size_of
 from multidrop.protocols.slink3.values import (
@@ -30,9 +26,6 @@ from multidrop.protocols.slink3.values import (
     parse_value,
 )
 from multidrop.writing import Written, write_once
-
-CLEAR_ATTEMPTS, CLEAR_EVERY = 20, 0.1
-"""After a fault reset the state is asked for every 0.1 s, for up to 2 s."""
 
 
 class Slink3Device(OneByOne):
@@ -217,140 +210,19 @@ class Slink3Device(OneByOne):
     # -- services --------------------------------------------------------------------------
 
     def status(self) -> Conversation[Frame, Report]:
-        if Command.STATUS_WORD in self.dialect.commands:
-            return self._drive_status()
-        if not self.dialect.fault_bit:
-            raise UsageError(
-                f"{self.dialect.name} has no status word, malfunction code or fault bit; read a parameter instead"
-            )
-        return self._card_status()
-
-    def _drive_status(self) -> Conversation[Frame, Report]:
-        word = yield from self.master.status_word()
-        malfunction = yield from self.master.malfunction_code()
-        fields: dict[str, Any] = {
-            "fault": word.fault,
-            "status_word": word.word,
-            "state": word.state.value,
-            "bits": word.bits,
-            "malfunction_code": malfunction.code,
-            "malfunction_family": malfunction.family,
-        }
-        family = f" ({malfunction.family})" if malfunction.family else ""
-        return Report(
-            fields,
-            (
-                f"state              {word.state.value}",
-                f"fault bit          {'FAULT' if word.fault else 'no fault'}",
-                f"malfunction code   {malfunction.code:04X}h{family}",
-                f"status word        {word.word:04X}h",
-                *(f"                   bit {bit}" for bit in word.bits),
-            ),
-        )
-
-    def _card_status(self) -> Conversation[Frame, Report]:
-        """A card has no status word; every answer carries its fault bit, so its address is read."""
-        found = yield from self.master.read_typed(511)
-        return Report(
-            {"fault": found.fault, "status_word": None, "state": None, "malfunction_code": None},
-            (
-                f"fault bit          {'FAULT' if found.fault else 'no fault'}",
-                f"{self.dialect.name} has no status word and no malfunction code",
-            ),
-        )
+        return services.status(self.master)
 
     def running(self) -> Conversation[Frame, str | None]:
         return services.running(self.master)
 
     def clear_faults(self) -> Conversation[Frame, Report]:
-        if Command.STATUS_WORD not in self.dialect.commands:
-            raise UsageError(f"{self.dialect.name} has no command that clears faults")
-        return self._clear_faults()
-
-    def _clear_faults(self) -> Conversation[Frame, Report]:
-        """A rising edge of the control word's fault reset bit; never a bit that enables."""
-        before = yield from self.master.status_word()
-        if before.state is not status.State.FAULT:
-            return Report(
-                {"cleared": False, "was": before.state.value, "state": before.state.value},
-                (f"not in fault: {before.state.value}; nothing was written",),
-            )
-        if not before.word & status.REMOTE:
-            raise UsageError(
-                "control is local (status word bit 9 is 0): clear the fault at the keypad; nothing was written"
-            )
-        for word in (status.DISABLE_VOLTAGE, status.FAULT_RESET, status.DISABLE_VOLTAGE):
-            yield from self._control(word)
-        after = yield from self._state_after_reset()
-        if after.state is not status.State.SWITCH_ON_DISABLED:
-            raise NotApplied(
-                f"the fault reset was sent; the drive is still in state {after.state.value}",
-                found=after.state.value,
-            )
-        return Report(
-            {"cleared": True, "was": before.state.value, "state": after.state.value},
-            (f"fault cleared: {after.state.value}",),
-        )
-
-    def _control(self, word: int) -> Conversation[Frame, None]:
-        try:
-            yield from self.master.write_standard(
-                status.CONTROL_WORD, 0, Format.UNSIGNED_SHORT_INT, word
-            )
-        except NoReply as failure:
-            raise OutcomeUnknown(
-                f"control word {word:04X}h went out and was not answered ({failure}); look at the drive",
-                step=f"control word {word:04X}h",
-            ) from failure
-
-    def _state_after_reset(self) -> Conversation[Frame, StatusWord]:
-        try:
-            after = yield from self.master.status_word()
-            for _ in range(CLEAR_ATTEMPTS):
-                if after.state is status.State.SWITCH_ON_DISABLED:
-                    break
-                yield Wait(CLEAR_EVERY)
-                after = yield from self.master.status_word()
-        except NoReply as failure:
-            raise OutcomeUnknown(
-                f"the fault reset was sent, and the drive's state cannot be read ({failure}); look at the drive",
-                step="the state after the fault reset",
-            ) from failure
-        return after
+        return services.clear_faults(self.master)
 
     def reset_comm(self) -> Conversation[Frame, Report]:
-        if Command.RESET_SLAVE not in self.dialect.commands:
-            raise UsageError(f"{self.dialect.name} has no reset of its serial interface")
-        return self._reset_comm()
-
-    def _reset_comm(self) -> Conversation[Frame, Report]:
-        yield from self.master.reset()
-        return Report({"reset": True}, ("the slave's serial interface was reset; faults stay",))
+        return services.reset_comm(self.master)
 
     def prepare_raw(self, text: str) -> Callable[[], Conversation[Frame, Report]]:
-        destination, body = _raw_body(text, self.dialect)
-        code = body[0] | body[1] << 8
-        data = body[2:]
-        frame = Frame(self.address, 0, destination << 1, code, data)
-
-        def converse() -> Conversation[Frame, Report]:
-            reply = yield from self.master.command(code, data, frame.destination)
-            return Report(
-                {
-                    "command": command_name(code),
-                    "response": reply.code,
-                    "text": response_meaning(reply.code),
-                    "data": reply.data.hex(),
-                    "fault": self._fault(reply.in_fault),
-                },
-                (
-                    f"{command_name(code)}: {reply.code:04X}h {response_meaning(reply.code)}",
-                    f"data {reply.data.hex(' ').upper() or 'none'}",
-                ),
-                refused=reply.code not in NO_REFUSALS,
-            )
-
-        return converse
+        return services.prepare_raw(self.master, text)
 
 
 def _physical(point: ParameterPoint, type_code: Format, value: Value | str) -> Value:
@@ -361,22 +233,6 @@ def _physical(point: ParameterPoint, type_code: Format, value: Value | str) -> V
     if description is not None and description.scale != 1.0:
         return parse_value(Format.FLOAT, value)
     return parse_value(type_code, value)
-
-
-def _raw_body(text: str, dialect: Dialect) -> tuple[int, bytes]:
-    where, slash, hex_text = text.rpartition("/")
-    destination = 0
-    if slash:
-        destination = parse_point(f"{where}/0", Profile("", ""), dialect).destination
-    try:
-        body = bytes.fromhex(hex_text)
-    except ValueError:
-        raise UsageError(
-            f"{hex_text!r} is not hex bytes: COMMAND low, COMMAND high, DATA, as in '23 00'"
-        ) from None
-    if len(body) < 2:
-        raise UsageError("a command body has at least the two bytes of COMMAND, low byte first")
-    return destination, body
 
 
 def device(address: int, profile: Profile, options: Mapping[str, str]) -> Slink3Device:
@@ -394,6 +250,6 @@ def dialect_of(profile: Profile, options: Mapping[str, str]) -> Dialect:
     if "broadcast" not in options:
         return chosen
     text = options["broadcast"]
-    if not text.isdecimal() or not 128 <= whole_number(text) <= 255:
+    if not is_digits(text) or not 128 <= whole_number(text) <= 255:
         raise UsageError(f"broadcast={text!r} is out of range: 128..255")
     return replace(chosen, broadcast=whole_number(text))

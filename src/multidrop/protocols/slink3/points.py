@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from multidrop.device import Sizes
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
@@ -31,7 +31,7 @@ _CONTROL_WORD = PointDescription(
 )
 """It moves a drive, also where a profile knows no points: a write of it is never repeated."""
 
-_NUMBER = r"(0[xX][0-9a-fA-F]+|\d+)"
+_NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _POINT = re.compile(rf"(?:(\w+)/)?{_NUMBER}(?:\.{_NUMBER})?(?::(\w+))?")
 _NAME = re.compile(r"([A-Za-z_][\w-]*)(?::(\w+))?")
 
@@ -206,7 +206,7 @@ def _from_name(
         return _with_description(typed, known, description)
     for prefix, offset in profile.inferred.items():
         number = name.removeprefix(prefix)
-        if name.startswith(prefix) and number.isdecimal():
+        if name.startswith(prefix) and is_digits(number):
             point = _from_numbers(_match(f"{whole_number(number) + offset}"), name, dialect)
             point = replace(point, type_code=_type(type_text, dialect, name), inferred=True)
             return _described(_typed(point), profile, dialect)

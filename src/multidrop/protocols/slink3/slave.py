@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from multidrop.errors import UsageError
-from multidrop.events import Damaged, FrameReceived
+from multidrop.events import Damaged
 from multidrop.protocols.slink3.dialects import BEHIND, DIALECTS, SLINK3, Dialect
 from multidrop.protocols.slink3.frame import ANSWER, FAULT, START, Frame, decoder
 from multidrop.protocols.slink3.messages import (
@@ -28,6 +28,7 @@ from multidrop.protocols.slink3.messages import (
     TypedParameter,
 )
 from multidrop.protocols.slink3.values import Format, width
+from multidrop.serving import BaseSlave
 
 
 class Reply(NamedTuple):
@@ -63,7 +64,7 @@ class Request(NamedTuple):
         return Reply(Response.OK, self.parameter.encode() + raw)
 
 
-class Slave:
+class Slave(BaseSlave[Frame, Request]):
     """The slave at `address`, 0..127. `fault` is the fault bit of every answer.
 
     `option` says that the dialect's partner is connected behind it (a DGFC386
@@ -80,34 +81,13 @@ class Slave:
     ) -> None:
         if not 0 <= address <= 127:
             raise UsageError(f"address {address} is out of range: a slave has 0..127")
-        self.address = address
+        super().__init__(address, decoder())
         self.dialect = dialect
         self.behind = DIALECTS[dialect.behind] if option and dialect.behind else None
         self.fault = False
         self.fault_behind = False
         self._answer_damage = answer_damage
-        self._decoder = decoder()
         self._broadcast_received = False
-
-    def receive_data(self, data: bytes) -> list[Request]:
-        """Take bytes from the line; returns the requests in them that want an answer or an action."""
-        return self.receive_events(self._decoder.receive_data(data))
-
-    def silence(self) -> list[Request]:
-        """The line fell silent."""
-        return self.receive_events(self._decoder.silence())
-
-    def receive_events(self, events: list[FrameReceived[Frame] | Damaged]) -> list[Request]:
-        """The same for bytes that one decoder has decoded for all slaves of a line."""
-        requests = []
-        for event in events:
-            if isinstance(event, Damaged):
-                request = self._damage(event)
-            else:
-                request = self._receive(event.frame)
-            if request is not None:
-                requests.append(request)
-        return requests
 
     def answer(self, request: Request, reply: Reply) -> bytes:
         """The bytes to send for a request: none for a broadcast."""

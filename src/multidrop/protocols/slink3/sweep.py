@@ -25,7 +25,7 @@ from multidrop.protocols.slink3.values import FORMATS_BY_TYPE_NAME, Format
 from multidrop.sweeping import DISCOVERED, Discovered
 
 RANGE = "[DEST/]FIRST..LAST, as in 8000..9999 or dgfc/0..1023"
-_RANGE = re.compile(r"(?:(\w+)/)?(0[xX][0-9a-fA-F]+|\d+)(?:\.\.(0[xX][0-9a-fA-F]+|\d+))?")
+_RANGE = re.compile(r"(?:(\w+)/)?(0[xX][0-9a-fA-F]+|[0-9]+)(?:\.\.(0[xX][0-9a-fA-F]+|[0-9]+))?")
 LAST_INDEX = 0xFFFF
 
 _OTHER_TYPE = (Response.TYPE_VALUE_ERROR, Response.TYPE_UNKNOWN)

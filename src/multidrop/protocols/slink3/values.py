@@ -11,7 +11,7 @@ from enum import IntEnum
 from math import inf
 
 from multidrop.errors import ProtocolError, UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, whole_number
 
 Value = bool | int | float | str | bytes
 
@@ -178,7 +178,7 @@ def parse_value(type_code: Format, text: str) -> Value:
         return bool(known[text.lower()])
     try:
         decimal = type_code is Format.FLOAT and "0x" not in text.lower()
-        number = float(text) if decimal else whole_number(text)
+        number = decimal_number(text) if decimal else whole_number(text)
     except ValueError:
         kind = "number" if type_code is Format.FLOAT else "whole number"
         raise UsageError(f"{text!r} is not a {kind}, decimal or 0x hex") from None

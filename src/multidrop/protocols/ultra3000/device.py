@@ -15,7 +15,7 @@ from multidrop.errors import (
     ProtocolError,
     UsageError,
 )
-from multidrop.numerals import whole_number
+from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role, Sample, Value, shown_value
 from multidrop.profile import Profile
 from multidrop.protocols.ultra3000 import memory, services
@@ -298,6 +298,6 @@ def device(address: int, profile: Profile, options: Mapping[str, str]) -> Ultra3
 def broadcast_of(options: Mapping[str, str]) -> int:
     """The broadcast address. Raises `UsageError`."""
     text = options.get("broadcast", str(BROADCAST))
-    if not text.isdecimal() or not 0 <= whole_number(text) <= 0xFF:
+    if not is_digits(text) or not 0 <= whole_number(text) <= 0xFF:
         raise UsageError(f"broadcast={text!r} is out of range: 0..255")
     return whole_number(text)

@@ -8,7 +8,7 @@ from enum import StrEnum
 
 from multidrop.device import Sizes
 from multidrop.errors import UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Sample
 from multidrop.profile import PointDescription, Profile, nearest
 from multidrop.protocols.ultra3000.frame import OVERHEAD
@@ -27,10 +27,10 @@ GRAMMAR = (
     "default, min, max, or a name of the profile with the same suffixes"
 )
 
-_NUMBER = r"(?:0[xX][0-9a-fA-F]+|\d+)"
+_NUMBER = r"(?:0[xX][0-9a-fA-F]+|[0-9]+)"
 _SUFFIXES = rf"(?:\.({_NUMBER}))?(?:@(\w+))?"
 _POINT = re.compile(rf"0[xX]([0-9a-fA-F]+){_SUFFIXES}")
-_BARE = re.compile(rf"(\d[0-9a-fA-F]*){_SUFFIXES}")
+_BARE = re.compile(rf"([0-9][0-9a-fA-F]*){_SUFFIXES}")
 _NAME = re.compile(rf"([A-Za-z_][\w-]*){_SUFFIXES}")
 
 
@@ -198,7 +198,7 @@ def _both_readings(number: str, text: str) -> str:
     """The manual counts parameters in hex, most people do not."""
     rest = text[len(number) :]
     hexadecimal = f"0x{whole_number('0x' + number):03X}{rest} if {number} is hex, as in the manual"
-    if not number.isdecimal():
+    if not is_digits(number):
         return f"{text!r} is not a point: a parameter is written with 0x: {hexadecimal}"
     return (
         f"{text!r} is not a point: a parameter is written with 0x: {hexadecimal}, "

@@ -102,17 +102,17 @@ def reset_comm(device: Ultra3000Device) -> Conversation[Frame, Report]:
     )
 
 
-_BODY = re.compile(r"([0-7][0-9A-F]{2})([0-9A-F])([0-9A-F]*)")
+_BODY = re.compile(r"([0-7][0-9a-fA-F]{2})([0-9a-fA-F])([0-9a-fA-F]*)")
 
 
 def prepare_raw(master: Master, text: str) -> Callable[[], Conversation[Frame, Report]]:
     """Parameter, function and data as they stand in a frame. Raises `UsageError`."""
-    body = _BODY.fullmatch(re.sub(r"\s", "", text).upper())
+    body = _BODY.fullmatch(re.sub(r"\s", "", text))
     if body is None:
         raise UsageError(
             f"{text!r} is not a command: parameter (000 to 7FF), function and data, as in 0730 or 06B101"
         )
-    frame = Frame(master.address, int(body[1], 16), int(body[2], 16), body[3])
+    frame = Frame(master.address, int(body[1], 16), int(body[2], 16), body[3].upper())
     name = function_name(frame.function)
 
     def converse() -> Conversation[Frame, Report]:

@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from multidrop.errors import UsageError
-from multidrop.events import Damaged, FrameReceived
 from multidrop.profile import Profile
 from multidrop.protocols.ultra3000.frame import READS, REFUSED, Frame, decoder
 from multidrop.protocols.ultra3000.messages import (
@@ -30,6 +29,7 @@ from multidrop.protocols.ultra3000.messages import (
 )
 from multidrop.protocols.ultra3000.points import ParameterPoint, parse_point
 from multidrop.protocols.ultra3000.values import ACTION, INTEGERS, decode_value
+from multidrop.serving import BaseSlave
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Request:
         return self.frame.function
 
 
-class Slave:
+class Slave(BaseSlave[Frame, Request]):
     """The drive at `address`, 0..253, that also hears `broadcast`, with the parameters of `profile`."""
 
     def __init__(
@@ -72,28 +72,9 @@ class Slave:
     ) -> None:
         if not 0 <= address <= LAST_ADDRESS:
             raise UsageError(f"address {address} is out of range: a drive has 0..{LAST_ADDRESS}")
-        self.address = address
+        super().__init__(address, decoder())
         self.broadcast = broadcast
-        self._decoder = decoder()
         self._parameters = _parameters(profile) if profile is not None else None
-
-    def receive_data(self, data: bytes) -> list[Request]:
-        """Take bytes from the line; returns the requests in them that want an answer or an action."""
-        return self.receive_events(self._decoder.receive_data(data))
-
-    def silence(self) -> list[Request]:
-        """The line fell silent."""
-        return self.receive_events(self._decoder.silence())
-
-    def receive_events(self, events: list[FrameReceived[Frame] | Damaged]) -> list[Request]:
-        """The same for bytes that one decoder has decoded for all drives of a line."""
-        requests = []
-        for event in events:
-            if isinstance(event, FrameReceived):
-                request = self._receive(event.frame)
-                if request is not None:
-                    requests.append(request)
-        return requests
 
     def answer(self, request: Request, reply: Reply) -> bytes:
         """The bytes to send for a request: none for a broadcast."""

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 
 from multidrop.errors import ProtocolError, UsageError
-from multidrop.numerals import whole_number
+from multidrop.numerals import decimal_number, is_digits, whole_number
 from multidrop.points import Value
 from multidrop.protocols.ultra3000.frame import MOST_DATA
 
@@ -141,7 +141,7 @@ def encode_hex(value: Value, digits: int | None) -> str:
 
 def _ambiguous(text: str) -> str:
     why = "nothing is known of this parameter, so its value is 0x hex"
-    if not text.isdecimal():
+    if not is_digits(text):
         return f"{text!r}: {why}, such as 0x01"
     return f"{text!r}: {why}: 0x{text}, or 0x{whole_number(text):X} if it is decimal"
 
@@ -173,7 +173,7 @@ def parse_value(kind: Kind, text: str, *, scaled: bool) -> Value:
     text = text.strip()
     try:
         decimal = scaled and "0x" not in text.lower()
-        return float(text) if decimal else whole_number(text)
+        return decimal_number(text) if decimal else whole_number(text)
     except ValueError:
         what = "number" if scaled else "whole number"
         raise UsageError(f"{text!r} is not a {what}, decimal or 0x hex") from None

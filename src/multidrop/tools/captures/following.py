@@ -10,7 +10,8 @@ from multidrop.events import Damaged
 from multidrop.io.captured import Packet
 from multidrop.observer import Found, Observer
 from multidrop.tools.captures.listened import Listened
-from multidrop.tools.captures.telling import Piece, Telling
+from multidrop.tools.captures.telling import Telling
+from multidrop.tools.ears import Piece
 from multidrop.transaction import Damage
 
 

@@ -12,6 +12,7 @@ from fnmatch import fnmatchcase
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from multidrop.errors import DeviceError, NoReply
 from multidrop.io.audit import jsonable
 from multidrop.observer import Found
 from multidrop.points import Point, Sample
@@ -24,7 +25,7 @@ WallTime = Callable[[float], int]
 """The ns since 1970 of a time that an observer gave."""
 
 DAMAGE, STRAY = "damage", "stray"
-REFUSED, NO_REPLY = "refused", "no-reply"
+REFUSED, NO_REPLY = DeviceError.kind, NoReply.kind
 KINDS = ("read", "write", "status", "other", STRAY, DAMAGE, REFUSED, NO_REPLY)
 """What --kind takes; the last two go across the others."""
 

@@ -14,7 +14,8 @@ from multidrop.observer import Found, Observer
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import LineSettings
 from multidrop.tools.captures.listened import Listened
-from multidrop.tools.captures.telling import Piece, Telling
+from multidrop.tools.captures.telling import Telling
+from multidrop.tools.ears import Piece
 
 POLL = 0.25
 """s without a byte after which somebody may look at something else."""

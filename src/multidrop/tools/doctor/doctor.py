@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from multidrop.tools.doctor.answered import FIXED, WIRING, advice_on_settings, sort_out
 from multidrop.tools.doctor.evidence import GLITCH, Evidence, examine
 from multidrop.tools.doctor.judging_answers import judge_answers
-from multidrop.tools.doctor.judging_traffic import judge_traffic, understood
+from multidrop.tools.doctor.judging_traffic import judge_traffic
 from multidrop.tools.doctor.likely_settings import ALIKE, Candidate
 from multidrop.tools.doctor.verdicts import Sure, Verdict, What
 
@@ -35,7 +35,7 @@ def judge(case: Case) -> list[Verdict]:
     verdicts = [*_garbage(case)]
     if not verdicts:
         for visit in case.visits:
-            if understood(visit):
+            if visit.understood:
                 verdicts += judge_traffic(visit, expected=case.listen_only)
                 break
     verdicts += judge_answers(telling)
@@ -60,7 +60,7 @@ def _garbage(case: Case) -> Iterator[Verdict]:
     """Somebody speaks, and it is not understood at this setting."""
     visit = case.visits[0]
     data = b"".join(piece.data for piece in visit.heard)
-    if len(data) <= GLITCH or any(understood(each) for each in case.visits):
+    if len(data) <= GLITCH or any(each.understood for each in case.visits):
         return
     settings = f"{visit.settings.baud} {visit.settings.format}"
     found = examine(visit.heard, visit.protocol, visit.settings)
@@ -145,7 +145,7 @@ def _fine(case: Case, telling: Evidence) -> Verdict:
             f"device{'s' if len(devices) != 1 else ''} ({', '.join(map(str, devices))}) answered after "
             f"{times[len(times) // 2]:.1f} ms, at most {times[-1]:.1f} ms, at {telling.setting}.{echo}",
         )
-    if any(understood(visit) for visit in case.visits):
+    if any(visit.understood for visit in case.visits):
         return Verdict(What.HEALTHY, Sure.LIKELY, "no fault in what was heard")
     if telling.asked:
         return Verdict(

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 from multidrop.device import ProtocolModule
 from multidrop.events import Damaged, FrameReceived
 from multidrop.timing import LineSettings
-from multidrop.tools.captures.telling import Piece
+from multidrop.tools.ears import GLITCH, Ear, Piece
 
-GLITCH = 3
-"""So few damaged bytes are what a transmitter makes that is switched on."""
+ENOUGH = 2
+"""Whole frames by which traffic is understood."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,15 @@ class Evidence:
     heard: tuple[Piece, ...] = ()
     asked: tuple[Asked, ...] = ()
     latency_ms: int | None = None
+
+    @property
+    def understood(self) -> bool:
+        """Whether what was heard are mostly frames of this protocol. Marks and rests cut nothing."""
+        ear = Ear(self.protocol, self.settings.decoder())
+        for piece in self.heard:
+            ear.receive(piece.data)
+        ear.silence()
+        return ear.understands(ENOUGH)
 
     @property
     def setting(self) -> str:

@@ -17,7 +17,7 @@ from multidrop.tools.doctor.answered import FIXED
 from multidrop.tools.doctor.asking import TIMES, Asking
 from multidrop.tools.doctor.doctor import Case
 from multidrop.tools.doctor.evidence import GLITCH, Evidence, Piece, examine
-from multidrop.tools.doctor.judging_traffic import other_format, understood
+from multidrop.tools.doctor.judging_traffic import other_format
 from multidrop.tools.doctor.likely_settings import Candidate, likely
 
 POLL = 0.2
@@ -82,7 +82,7 @@ class Examination:
             heard = self._listen(first, self._seconds)
             here = [visit for visit in self._visits if visit.setting == first.setting]
             listened = [self._evidence(visit, heard, self._seconds) for visit in here]
-            known = [evidence for evidence in listened if understood(evidence)]
+            known = [evidence for evidence in listened if evidence.understood]
             if known or self._listen_only or _size(heard) > GLITCH:
                 return self._of_traffic(known or listened[:1], heard, first)
             return Case(tuple(self._ask_all(heard)))
@@ -94,7 +94,7 @@ class Examination:
 
     def _of_traffic(self, listened: list[Evidence], heard: tuple[Piece, ...], first: Visit) -> Case:
         """Somebody speaks, or nothing shall be asked."""
-        if _size(heard) <= GLITCH or understood(listened[0]):
+        if _size(heard) <= GLITCH or listened[0].understood:
             return Case(tuple(listened[:1]), self._listen_only)
         candidates = likely(b"".join(piece.data for piece in heard), first.setting)
         elsewhere = None
@@ -125,7 +125,7 @@ class Examination:
         ]
         heard = self._listen(visits[0], ELSEWHERE)
         listened = [self._evidence(visit, heard, ELSEWHERE) for visit in visits]
-        return next((evidence for evidence in listened if understood(evidence)), None)
+        return next((evidence for evidence in listened if evidence.understood), None)
 
     def _listen(self, visit: Visit, seconds: float) -> tuple[Piece, ...]:
         """What comes within so many seconds; of one who only listens, until Ctrl-C too."""

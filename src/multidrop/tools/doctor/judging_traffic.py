@@ -18,15 +18,6 @@ AT_ONCE = 0.005
 """s after a question within which no master asks another one."""
 MARKED = 0.25
 """Share of the right bytes that a port marks as wrong, above which the format is."""
-ENOUGH_FRAMES = 2
-"""Whole frames by which traffic is understood."""
-
-
-def understood(evidence: Evidence) -> bool:
-    """Whether what was heard are mostly frames of this protocol."""
-    found = examine(evidence.heard, evidence.protocol, evidence.settings)
-    whole = sum(len(item.raw) for item in found.frames)
-    return len(found.frames) >= ENOUGH_FRAMES and whole * 2 >= found.size
 
 
 def other_format(found: Examined) -> bool:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-NO_REPLY, BROKEN = 4, 6
-"""Exit status."""
+from multidrop.errors import NoReply, ProtocolError
+
+NO_REPLY, BROKEN = NoReply.exit_status, ProtocolError.exit_status
 
 
 class What(StrEnum):

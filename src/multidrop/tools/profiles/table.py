@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from multidrop.errors import UsageError
+from multidrop.numerals import decimal_number
 from multidrop.profile import PointDescription, Profile, check_keys, described_point, nearest
 from multidrop.tools.profiles.text import said, said_of_point
 
@@ -27,8 +28,8 @@ DELIMITERS = (",", ";", "\t")
 
 _TRUE = {"yes", "true", "1", "x", "wahr", "ja", "vrai", "oui"}
 _FALSE = {"no", "false", "0", "falsch", "nein", "faux", "non"}
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?").fullmatch
-_PLAIN = re.compile(r"0|[1-9]\d{0,14}").fullmatch  # what a spreadsheet gives back as it is
+_NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?").fullmatch
+_PLAIN = re.compile(r"0|[1-9][0-9]{0,14}").fullmatch  # what a spreadsheet gives back as it is
 
 
 # -- writing ----------------------------------------------------------------------------------
@@ -268,9 +269,11 @@ def _number(cell: _Cell, text: str, *, whole: bool = False) -> int | float:
         raise UsageError(f"{cell.where}: {text!r} is not a number: no marks of thousands")
     plain = plain.replace(",", ".")
     try:
-        if re.fullmatch(r"[+-]?\d+", plain):
+        if re.fullmatch(r"[+-]?[0-9]+", plain):
             return int(plain) if len(plain) < 400 else float("inf")
-        value = int(plain, 16) if re.fullmatch(r"0[xX][0-9a-fA-F]+", plain) else float(plain)
+        value = (
+            int(plain, 16) if re.fullmatch(r"0[xX][0-9a-fA-F]+", plain) else decimal_number(plain)
+        )
     except ValueError:
         raise UsageError(f"{cell.where}: {text!r} is not a number") from None
     if whole and value != int(value):

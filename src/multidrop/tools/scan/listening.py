@@ -6,21 +6,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from multidrop.decoder import Decoder
-from multidrop.device import ProtocolModule
 from multidrop.events import Damaged, FrameReceived
+from multidrop.tools.ears import GLITCH, Ear, told
 
 MOST_SHOWN = 12  # frames
-GLITCH = 3
-"""So few damaged bytes are what a transmitter makes that is switched on, and nobody's traffic."""
+ENOUGH = 1
+"""Whole frames by which a protocol is told: who is about to speak cannot be too careful."""
 
 
 @dataclass(slots=True)
 class Heard:
-    """What a protocol's decoder made of it."""
+    """What a person is shown of what a protocol's decoder made of it."""
 
-    frames: int = 0
-    damaged: int = 0  # bytes
     lines: list[str] = field(default_factory=list)  # of the first frames: bytes and meaning
     addresses: set[int] = field(default_factory=set)  # of those that answered
 
@@ -28,12 +25,10 @@ class Heard:
 class Listening:
     """Listens for `seconds` with the decoders of several protocols at once."""
 
-    def __init__(
-        self, decoders: Mapping[str, tuple[ProtocolModule, Decoder[Any]]], seconds: float
-    ) -> None:
-        self._decoders = decoders
+    def __init__(self, ears: Mapping[str, Ear], seconds: float) -> None:
+        self._ears = ears
         self._seconds = seconds
-        self.heard = {name: Heard() for name in decoders}
+        self.heard = {name: Heard() for name in ears}
         self.size = 0  # bytes
         self.deadline = 0.0
         self.done = False
@@ -46,39 +41,30 @@ class Listening:
     def advance(self, data: bytes, now: float, *, damaged: bool = False) -> bytes:
         """Take bytes that arrived, or none at the deadline."""
         self.size += len(data)
-        for name, (protocol, decoder) in self._decoders.items():
-            events = decoder.line_error(data) if damaged else decoder.receive_data(data)
-            self._take(protocol, self.heard[name], events)
+        for name, ear in self._ears.items():
+            self._show(name, ear.receive(data, damaged=damaged))
         if now >= self.deadline:
-            for name, (protocol, decoder) in self._decoders.items():
-                self._take(protocol, self.heard[name], decoder.silence())
+            for name, ear in self._ears.items():
+                self._show(name, ear.silence())
             self.done = True
         return b""
 
     @property
     def speaking(self) -> bool:
-        """Whether somebody is there: a frame that was understood, or more than a glitch."""
-        return self.size > GLITCH or self.understood is not None
+        """Whether somebody is there: a frame, however short, or more bytes than a glitch has."""
+        return self.size > GLITCH or any(heard.lines for heard in self.heard.values())
 
     @property
     def understood(self) -> str | None:
-        """The protocol whose frames they are: the one that made most of them."""
-        name = max(self.heard, key=lambda name: self._sense(self.heard[name]), default=None)
-        return name if name is not None and self.heard[name].frames else None
+        """The protocol whose frames they are."""
+        ear = told(self._ears.values(), ENOUGH)
+        return ear.protocol.name if ear is not None else None
 
-    @staticmethod
-    def _sense(heard: Heard) -> tuple[bool, int, int]:
-        return bool(heard.frames), -heard.damaged, heard.frames
-
-    @staticmethod
-    def _take(
-        protocol: ProtocolModule, heard: Heard, events: Iterable[FrameReceived[Any] | Damaged]
-    ) -> None:
+    def _show(self, name: str, events: Iterable[FrameReceived[Any] | Damaged]) -> None:
+        heard, protocol = self.heard[name], self._ears[name].protocol
         for event in events:
             if isinstance(event, Damaged):
-                heard.damaged += len(event.raw)
                 continue
-            heard.frames += 1
             if not protocol.from_master(event.frame):
                 heard.addresses.add(event.frame.address)
             if len(heard.lines) < MOST_SHOWN:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
 from multidrop.exchange import LATE
+from multidrop.numerals import whole_number
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import Format, LineSettings
 
@@ -101,8 +102,8 @@ def parse_addresses(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         low, dots, high = part.partition("..")
         try:
-            first = int(low, 0)
-            last = int(high, 0) if dots else first
+            first = whole_number(low)
+            last = whole_number(high) if dots else first
         except ValueError:
             first, last = 1, 0
         if not 0 <= first <= last <= 255:

@@ -11,6 +11,7 @@ from multidrop.io.line import Line, Tap
 from multidrop.io.ports import Port, PortSetup, open_port
 from multidrop.naming import LineOptions
 from multidrop.probing import Identity
+from multidrop.tools.ears import Ear
 from multidrop.tools.scan.listening import Listening
 from multidrop.tools.scan.plan import FIXED, Round, rounds
 from multidrop.tools.scan.result import FoundDevice, State, Traffic
@@ -95,7 +96,7 @@ class Scanner:
             at_this = [item for item in here if (item.baud, item.format) == (baud, form)]
             port = self._open(at_this[0])
             listening = Listening(
-                {item.protocol: (item.module, item.module.decoder()) for item in at_this},
+                {item.protocol: Ear(item.module, item.module.decoder()) for item in at_this},
                 wanted.listen,
             )
             self._run(listening, port)

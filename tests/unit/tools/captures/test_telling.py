@@ -7,7 +7,8 @@ import random
 import pytest
 
 from multidrop.protocols import PROTOCOLS, datalink, slink3, ultra3000
-from multidrop.tools.captures.telling import MOST_KEPT, Piece, Telling
+from multidrop.tools.captures.telling import MOST_KEPT, Telling
+from multidrop.tools.ears import Piece
 
 TALK = {
     "slink3": [

@@ -144,6 +144,8 @@ HEAD = "profile.name,p\nprofile.protocol,slink3\n\n"
         (HEAD + "name,at,scal\na,1,2\n", "row 4, column C: unknown heading 'scal' - did you mean 'scale'?"),
         (HEAD + "name,at,at\na,1,2\n", "row 4, column C: there are two columns 'at'"),
         (HEAD + "name,at,scale\na,1,fast\n", "row 5, column C (scale): 'fast' is not a number"),
+        (HEAD + "name,at,scale\na,1,٢\n", "row 5, column C (scale): '٢' is not a number"),
+        (HEAD + "name,at,scale\na,1,1_5\n", "row 5, column C (scale): '1_5' is not a number"),
         (HEAD + 'name,at,scale\na,1,"0,1"\n', "row 5, column C (scale): '0,1' has a comma"),
         (HEAD + "name,at,scale\na,1,1.000.000\n", "row 5, column C (scale): '1.000.000' is not a number: no marks"),
         (HEAD + "name,at,scale\na,1,0\n", "row 5.scale must not be 0"),

@@ -16,11 +16,13 @@ from multidrop.io.memory import FOREVER, MemoryPort
 from multidrop.io.ports import Port, PortSetup
 from multidrop.naming import LineOptions, parse_simulated
 from multidrop.plantfile import parse_plant
-from multidrop.protocols import PROTOCOLS
+from multidrop.protocols import PROTOCOLS, datalink
 from multidrop.protocols.slink3 import Frame
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, ScriptedFaults
 from multidrop.sim.line import LineFaults, Pace, SimulatedLine
+from multidrop.tools.ears import Ear
+from multidrop.tools.scan.listening import Listening
 from multidrop.tools.scan.plan import Round, Wanted, check_protocols, parse_addresses, rounds
 from multidrop.tools.scan.result import FoundDevice, State, StateFile, as_toml
 from multidrop.tools.scan.scan import Progress, Scanner
@@ -441,3 +443,14 @@ def test_a_plant_file_that_is_ready() -> None:
 
 def test_a_plant_file_of_nothing() -> None:
     assert as_toml(PORT, []) == ""
+
+
+def test_two_bytes_that_are_a_frame_are_somebody_and_two_others_are_nobody() -> None:
+    """An Acknowledge has no more; it tells no protocol, but it is not spoken over."""
+    acknowledge = datalink.Frame(datalink.Command.ACKNOWLEDGE, 3).encode()
+    for data, speaking in ((acknowledge, True), (b"\x00\xff", False)):
+        listening = Listening({"datalink": Ear(PROTOCOLS["datalink"], datalink.decoder())}, 1.0)
+        assert listening.start(0.0) == listening.advance(data, 0.5) == b""
+        assert not listening.done
+        listening.advance(b"", listening.deadline)
+        assert (listening.done, listening.speaking, listening.understood) == (True, speaking, None)
