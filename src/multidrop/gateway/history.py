@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -21,9 +21,10 @@ from multidrop.gateway.batching import Batching
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.records import Bucket, Gap, Sample, kept, microseconds
 from multidrop.gateway.reporting import Reporting, Rule
-from multidrop.gateway.settings import HistorySettings
+from multidrop.gateway.settings import HistorySettings, Settings, demand_writable, objections
 from multidrop.gateway.store import MOST_BUCKETS, Store
 from multidrop.gateway.values import Update
+from multidrop.plant import Plant
 
 EVERY = 1.0
 """s between two writings; a store makes them safe against loss of power no more often."""
@@ -238,3 +239,26 @@ def part(gateway: Gateway) -> History:
     history = History(open_store(table, settings.path), rule_of, keep=table.keep * DAY)
     gateway.values.listeners.append(history.take)
     return history
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[history]`; no server is asked."""
+    table = settings.history
+    assert table is not None
+    if table.dsn is None:
+        from multidrop.gateway.history_sqlite import demand_history
+
+        path = settings.path(table.path)
+        yield from objections(
+            lambda: demand_writable("history.path", path), lambda: demand_history(path)
+        )
+        return
+    from multidrop.gateway.history_postgres import demand_dsn
+    from multidrop.gateway.outbox import demand_outbox
+
+    dsn, outbox = table.dsn, settings.path(table.outbox)
+    yield from objections(
+        lambda: demand_dsn(dsn),
+        lambda: demand_writable("history.outbox", outbox),
+        lambda: demand_outbox(outbox),
+    )

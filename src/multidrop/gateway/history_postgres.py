@@ -51,6 +51,14 @@ ResultT = TypeVar("ResultT")
 Connection = psycopg.Connection[tuple[Any, ...]]
 
 
+def demand_dsn(dsn: str) -> None:
+    """Raises `UsageError` for what names no database."""
+    try:
+        conninfo.conninfo_to_dict(dsn)
+    except psycopg.ProgrammingError as error:
+        raise UsageError(f"history.dsn is wrong: {str(error).strip()}") from None
+
+
 class PostgresStore(Store):
     """History in the schema `multidrop`, or another, of the database that `dsn` names.
 
@@ -60,10 +68,7 @@ class PostgresStore(Store):
     def __init__(
         self, dsn: str, outbox: Outbox | None = None, *, schema: str = "multidrop"
     ) -> None:
-        try:
-            conninfo.conninfo_to_dict(dsn)
-        except psycopg.ProgrammingError as error:
-            raise UsageError(f"the dsn of the history is wrong: {error}") from None
+        demand_dsn(dsn)
         self._dsn = dsn
         self._schema = schema
         self._outbox = outbox

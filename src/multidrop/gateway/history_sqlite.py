@@ -318,7 +318,8 @@ class SqliteStore(Store):
         codes = chunk.codes or bytes([GOOD]) * len(chunk.times)
         return row[0], Chunk([chunk.times[at]], [chunk.values[at]], [codes[at]])
 
-    def _open(self, path: Path, only_read: bool) -> sqlite3.Connection:
+    @staticmethod
+    def _open(path: Path, only_read: bool) -> sqlite3.Connection:
         connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
@@ -342,3 +343,12 @@ class SqliteStore(Store):
             connection.close()
             raise
         return connection
+
+
+def demand_history(path: Path) -> None:
+    """Raises `UsageError` where a file is there that is no history of this version."""
+    if path.is_file() and path.stat().st_size:
+        try:
+            SqliteStore(path, only_read=True).close()
+        except UsageError as error:
+            raise UsageError(f"history.path {error}") from None

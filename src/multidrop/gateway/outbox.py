@@ -11,6 +11,7 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -196,14 +197,33 @@ class Outbox:
 def _open(path: Path) -> sqlite3.Connection:
     file = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     try:
-        (application,) = file.execute("PRAGMA application_id").fetchone()
-        (tables,) = file.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if tables and application != APPLICATION:
-            raise UsageError(f"{path}: not an outbox of multidrop")
+        empty = _is_empty(file, path)
         file.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;")
-        if not tables:
+        if empty:
             file.executescript(SCHEMA)
     except BaseException:
         file.close()
         raise
     return file
+
+
+def _is_empty(file: sqlite3.Connection, path: Path) -> bool:
+    """Whether nothing is in it yet. Raises `UsageError` for somebody else's file."""
+    (application,) = file.execute("PRAGMA application_id").fetchone()
+    (tables,) = file.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and application != APPLICATION:
+        raise UsageError(f"{path}: not an outbox of multidrop")
+    return not tables
+
+
+def demand_outbox(path: Path) -> None:
+    """Raises `UsageError` where a file is there that is no outbox."""
+    if not path.is_file():
+        return
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True)) as file:
+            _is_empty(file, path)
+    except sqlite3.Error as error:
+        raise UsageError(f"history.outbox {path}: no outbox: {error}") from None
+    except UsageError as error:
+        raise UsageError(f"history.outbox {error}") from None
