@@ -18,6 +18,7 @@ from multidrop.errors import Error, PortError, UsageError
 from multidrop.gateway import postgres_sql as sql
 from multidrop.gateway.blocks import Chunk
 from multidrop.gateway.buckets import Summary
+from multidrop.gateway.durable import SAFE_EVERY
 from multidrop.gateway.outbox import Outbox
 from multidrop.gateway.packing import pack, unpack
 from multidrop.gateway.records import GOOD, Batch, Gap, Kept, Row, Span, whole
@@ -141,6 +142,8 @@ class PostgresStore(Store):
         batches = [unpack(item.data, item.lost) for item in waiting]
         writing.take(batches, self._forget)
         self._outbox.done(waiting[-1].number)
+        if len(waiting) < AT_ONCE:
+            self._stop.wait(SAFE_EVERY)  # each transaction makes the server wait for its disk
         return True
 
     def _connect(self) -> Connection:

@@ -1,7 +1,7 @@
 """Records that wait on disk for a server that is away: in order, bounded, the oldest go first.
 
-One SQLite file. Every `put` is on the disk when it returns, also if the power fails. What was
-delivered is taken out with the next `put`: after a crash in between it is delivered again, so
+One SQLite file. Every `put` is safe when the process is killed; against loss of power it is made
+safe once a second. What was delivered is taken out with the next `put`: after a crash in between it is delivered again, so
 whoever receives must know a record that came already.
 """
 
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from multidrop.errors import UsageError
+from multidrop.gateway.durable import Durable
 from multidrop.gateway.records import Gap
 
 APPLICATION = 0x6D645F6F  # "md_o", which says whose file it is
@@ -63,6 +64,7 @@ class Outbox:
             self._file = _open(path)
         except (sqlite3.Error, OSError) as error:
             raise UsageError(f"{path}: no outbox can be kept here: {error}") from None
+        self._durable = Durable(self._file)
         self._size, self._count = self._file.execute(
             "SELECT coalesce(sum(length(data)), 0), coalesce(sum(samples), 0) FROM records"
         ).fetchone()
@@ -102,6 +104,7 @@ class Outbox:
         with self._lock:
             kept = self._size, self._count
             try:
+                self._durable.choose()
                 self._file.execute("BEGIN IMMEDIATE")
                 self._forget_delivered()
                 for data, first, last, samples in records:
@@ -198,7 +201,7 @@ def _open(path: Path) -> sqlite3.Connection:
     file = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     try:
         empty = _is_empty(file, path)
-        file.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;")
+        file.executescript("PRAGMA journal_mode = WAL;")
         if empty:
             file.executescript(SCHEMA)
     except BaseException:
