@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 from types import FrameType
 
-real_time, real_time_ns, RealDatetime = time.time, time.time_ns, datetime.datetime
+real_time, real_time_ns = time.time, time.time_ns
 wrong_by = [0.0]
 
 
-class Stepped(RealDatetime):
+class Stepped(datetime.datetime):
     @classmethod
     def now(cls, tz: datetime.tzinfo | None = None) -> Stepped:
         return cls.fromtimestamp(real_time() + wrong_by[0], tz)

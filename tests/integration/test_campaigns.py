@@ -144,14 +144,15 @@ def test_a_port_that_goes_and_comes(tmp_path: Path, kind: str) -> None:
             there, line.port = line.port, f"tcp://127.0.0.1:{proxy.port}"
             stack.enter_context(plant(tmp_path, "[history]\n", line))
             line.port = there
-        unplugged = []
+        unplugged: list[tuple[float, range]] = []
         program = stack.enter_context(running("run", cwd=tmp_path))
         for _ in range(times):
             line.wait_for_more(10)
             time.sleep(moments.uniform(0.0, 0.3))
+            wall, before = time.time(), len(line.given)
             unplug()
-            unplugged.append((time.time(), len(line.given)))
             program.wait_for("port lost")
+            unplugged.append((wall, range(before, len(line.given) + 1)))
             time.sleep(moments.uniform(0.0, 0.5))
             plug_in()
             program.wait_for("port open again")
@@ -159,11 +160,13 @@ def test_a_port_that_goes_and_comes(tmp_path: Path, kind: str) -> None:
         stop(program)
         found = recorded(tmp_path, line)
         lost = {one.number for one in lost_of(line, found)}
-    last = len(line.given)
-    assert lost <= {number for _, number in unplugged} | {last}
+    lost.discard(len(line.given))
+    for _, numbers in unplugged:
+        assert len(lost.intersection(numbers)) <= 1  # the answer that was on its way
+        lost -= set(numbers)
+    assert not lost, SEED
     assert found.gaps == []
     assert {quality for _, quality in found.marks} == {"port lost"}
-    for wall, number in unplugged:
-        mark = min(start for start, _ in found.marks if start >= wall - 0.1)
-        after = [sample for sample in found.kept if sample.number > number]
-        assert mark < min(sample.wall for sample in after)
+    for wall, numbers in unplugged:
+        mark = min(start for start, _ in found.marks if start >= wall)
+        assert mark < min(sample.wall for sample in found.kept if sample.number > numbers[-1])

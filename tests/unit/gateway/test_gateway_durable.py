@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from multidrop.gateway import durable
 from multidrop.gateway.durable import Durable
 
 NORMAL, FULL = 1, 2
@@ -16,7 +15,7 @@ NORMAL, FULL = 1, 2
 
 def test_one_a_second_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
-    monkeypatch.setattr(durable.time, "monotonic", lambda: now)
+    monkeypatch.setattr("time.monotonic", lambda: now)
     with closing(sqlite3.connect(tmp_path / "x.db", isolation_level=None)) as file:
         chosen = Durable(file)
         found = []
