@@ -6,6 +6,7 @@ import os
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -45,3 +46,21 @@ def own_schema() -> Iterator[str]:
         with psycopg.connect(DSN, autocommit=True) as connection:
             drop = sql.SQL("DROP SCHEMA IF EXISTS {} CASCADE")
             connection.execute(drop.format(sql.Identifier(name)))
+
+
+@contextmanager
+def own_database() -> Iterator[str]:
+    """The DSN of a database that nobody else uses, gone afterwards."""
+    parts = urlsplit(postgres_dsn())
+    import psycopg
+    from psycopg import sql
+
+    name = f"multidrop_{uuid.uuid4().hex[:12]}"
+    named = sql.Identifier(name)
+    with psycopg.connect(DSN, autocommit=True) as connection:
+        connection.execute(sql.SQL("CREATE DATABASE {}").format(named))
+    try:
+        yield parts._replace(path=f"/{name}").geturl()
+    finally:
+        with psycopg.connect(DSN, autocommit=True) as connection:
+            connection.execute(sql.SQL("DROP DATABASE IF EXISTS {} WITH (FORCE)").format(named))

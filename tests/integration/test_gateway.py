@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 from pathlib import Path
 
 import pytest
 
 from integration.plants import DriveLine, gateway, plant, plugged_in, until
 from integration.writes import logged
-from multidrop.errors import DeviceError, NoReply, PortError, UsageError
+from multidrop.errors import DeviceError, NoReply, OutcomeUnknown, PortError, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.permission import NotAllowed
+from multidrop.io.audit import AuditLog
 from multidrop.io.poller import Quality
 from multidrop.writing import Outcome
 
@@ -171,6 +173,26 @@ def test_a_write_without_its_record_is_not_made(tmp_path: Path) -> None:
             with pytest.raises(UsageError, match="audit log"):
                 await running.write("press0", "feed", 12.5, who="ann", origin="test")
             assert (await running.read("press0", "feed")).value == 0
+
+    asyncio.run(main())
+
+
+def test_a_write_that_could_not_be_recorded_any_more_is_not_called_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk became full between the look and the line."""
+
+    def full(log: AuditLog, device: str, record: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(AuditLog, "written", full)
+
+    async def main() -> None:
+        press = DriveLine("press", 0)
+        async with plugged_in(press), gateway(tmp_path, press.toml) as running:
+            await until(lambda: qualities(running))
+            with pytest.raises(OutcomeUnknown, match=r"could not be recorded: .* No space left"):
+                await running.write("press0", "feed", 12.5, who="ann", origin="test")
 
     asyncio.run(main())
 

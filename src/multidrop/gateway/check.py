@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from multidrop.errors import UsageError
+from multidrop.gateway.parts import wrong_with_parts
 from multidrop.gateway.polled import polled, role_of, target_of
-from multidrop.gateway.settings import Settings, survey_settings
-from multidrop.gateway.web.access import place_of
+from multidrop.gateway.settings import CLASSES, Settings, survey_settings
 from multidrop.io.connection import Target
 from multidrop.io.polling import Plan, Wanted
 from multidrop.io.service import settings_of_line
@@ -48,7 +48,7 @@ def check(plant: Plant) -> Checked:
     if not plant.lines and not plant.wrong:
         checking.wrong.append(f"{plant.file} has no lines")
     settings = survey_settings(plant)
-    checking.listening(settings)
+    checking.parts(settings)
     wrong = (*plant.wrong, *settings.wrong, *checking.wrong)
     return Checked(tuple(line for line in lines if line is not None), wrong)
 
@@ -155,13 +155,18 @@ class _Checking:
         for value in (point.write.minimum, point.write.maximum):
             worked_out.prepare_write(name, value)
 
-    def listening(self, settings: Settings) -> None:
-        """Where the page would be, and for whom."""
-        try:
-            if settings.http is not None:
-                place_of(settings)
-        except UsageError as error:
-            self.wrong.append(f"{self._plant.file}: {error}")
+    def parts(self, settings: Settings) -> None:
+        """What each part says of its own table, and what two of them both want."""
+        file = self._plant.file
+        self.wrong += [f"{file}: {text}" for text in wrong_with_parts(self._plant, settings)]
+        places: dict[str, str] = {}
+        for name in CLASSES:
+            place = getattr(getattr(settings, name), "listen", None)
+            if place is None or place.endswith(":0"):
+                continue
+            other = places.setdefault(place, name)
+            if other != name:
+                self.wrong.append(f"{file}: {name}.listen is {place!r}, and so is {other}.listen")
 
     def ports_differ(self) -> None:
         """Two names for one port, as a device and the link to it."""

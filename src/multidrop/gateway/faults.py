@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,11 +13,12 @@ from multidrop.gateway.freeze_frames import FreezeFrame, FreezeFrames
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.line import GatewayLine
 from multidrop.gateway.recent import Piece, RecentFrames, RecentValues, frames_of, shown_time
-from multidrop.gateway.settings import FaultSettings
+from multidrop.gateway.settings import FaultSettings, Settings, demand_writable, objections
 from multidrop.gateway.values import Update
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.io.cutting import WallClock
+from multidrop.plant import Plant
 from multidrop.points import Reading
 
 
@@ -24,6 +26,13 @@ def part(gateway: Gateway) -> Faults:
     """The part of `[faults]`. Raises `UsageError` where nothing can be kept."""
     assert gateway.settings.faults is not None
     return Faults(gateway, gateway.settings.faults)
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[faults]`."""
+    assert settings.faults is not None
+    path = settings.path(settings.faults.path)
+    return objections(lambda: demand_writable("faults.path", path, folder=True))
 
 
 @dataclass(frozen=True, slots=True)

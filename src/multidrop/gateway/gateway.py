@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self
 
-from multidrop.errors import Error, PortError
+from multidrop.errors import Error, OutcomeUnknown, PortError
 from multidrop.gateway.check import demand_right
 from multidrop.gateway.clock import synchronised
 from multidrop.gateway.fault_watch import FaultWatch
@@ -222,6 +222,11 @@ class Gateway:
             if not log.lines:
                 self._not_sent(log, device, point, value, str(error))
             raise
+        except OSError as error:  # the log had room before
+            raise OutcomeUnknown(
+                f"{device} {point}: the write went out and could not be recorded: {error}",
+                step="the audit log",
+            ) from None
 
     def refuse(
         self, device: str, point: str, value: Value | str, why: str, *, who: str, origin: str

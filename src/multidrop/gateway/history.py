@@ -1,4 +1,4 @@
-"""The history of a gateway: what is polled becomes samples, and samples go to a store once a second.
+"""The history of a gateway: what is polled becomes samples, and samples go to a store twice a second.
 
 A store that takes nothing (a full disk) costs nothing but the oldest samples once
 `MOST_WAITING` of them wait in memory; what was lost is recorded as a gap. Polling never waits.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -21,12 +21,13 @@ from multidrop.gateway.batching import Batching
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.records import Bucket, Gap, Sample, kept, microseconds
 from multidrop.gateway.reporting import Reporting, Rule
-from multidrop.gateway.settings import HistorySettings
+from multidrop.gateway.settings import HistorySettings, Settings, demand_writable, objections
 from multidrop.gateway.store import MOST_BUCKETS, Store
 from multidrop.gateway.values import Update
+from multidrop.plant import Plant
 
-EVERY = 1.0
-"""s between two writings; a store makes them safe against loss of power no more often."""
+EVERY = 0.5
+"""s between two writings: what came since the last one is lost when the process is killed."""
 
 MOST_SAMPLES = 100_000
 """Samples that one `range` returns."""
@@ -54,6 +55,7 @@ class History:
     """A part of the gateway. `take` is a listener of `Values`; the rest is for charts and exports.
 
     `rule_of` says by which rule a device's point is reported. `keep` (s): how long; 0 for ever.
+    `news` is told when it cannot be written, and when it can again.
     """
 
     name = "history"
@@ -65,8 +67,11 @@ class History:
         *,
         keep: float = 0.0,
         every: float = EVERY,
+        news: Callable[[str], None] = lambda text: None,
     ) -> None:
         self.store = store
+        self._news = news
+        self._troubled = False
         self._rule_of = rule_of
         self._keep = keep
         self._every = every
@@ -99,12 +104,13 @@ class History:
             self._batching.take((sample,))
 
     async def run(self) -> None:
-        """Write once a second, until cancelled; then what is left, and that the gateway stopped."""
+        """Write twice a second, until cancelled; then what is left, and that the gateway stopped."""
         loop = asyncio.get_running_loop()
         try:
             while True:
                 await asyncio.sleep(self._every)
                 await self._write(loop.time())
+                self._tell()
         finally:
             try:
                 await asyncio.shield(self._end(loop.time()))
@@ -133,6 +139,13 @@ class History:
 
     async def _end(self, now: float) -> None:
         await self._write(now, stop=True)
+
+    def _tell(self) -> None:
+        """Each change once: a disk that is full at night should stand in a log."""
+        error = self.state.error
+        if (error is not None) is not self._troubled:
+            self._troubled = error is not None
+            self._news(f"history: {error}" if error else "history: it is written again")
 
     @property
     def state(self) -> HistoryState:
@@ -235,6 +248,30 @@ def part(gateway: Gateway) -> History:
             return Rule(longest=table.longest)
         return Rule(named.deadband, table.longest if named.longest is None else named.longest)
 
-    history = History(open_store(table, settings.path), rule_of, keep=table.keep * DAY)
+    store = open_store(table, settings.path)
+    history = History(store, rule_of, keep=table.keep * DAY, news=gateway.news)
     gateway.values.listeners.append(history.take)
     return history
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[history]`; no server is asked."""
+    table = settings.history
+    assert table is not None
+    if table.dsn is None:
+        from multidrop.gateway.history_sqlite import demand_history
+
+        path = settings.path(table.path)
+        yield from objections(
+            lambda: demand_writable("history.path", path), lambda: demand_history(path)
+        )
+        return
+    from multidrop.gateway.history_postgres import demand_dsn
+    from multidrop.gateway.outbox import demand_outbox
+
+    dsn, outbox = table.dsn, settings.path(table.outbox)
+    yield from objections(
+        lambda: demand_dsn(dsn),
+        lambda: demand_writable("history.outbox", outbox),
+        lambda: demand_outbox(outbox),
+    )

@@ -18,6 +18,7 @@ from multidrop.errors import Error, PortError, UsageError
 from multidrop.gateway import postgres_sql as sql
 from multidrop.gateway.blocks import Chunk
 from multidrop.gateway.buckets import Summary
+from multidrop.gateway.durable import SAFE_EVERY
 from multidrop.gateway.outbox import Outbox
 from multidrop.gateway.packing import pack, unpack
 from multidrop.gateway.records import GOOD, Batch, Gap, Kept, Row, Span, whole
@@ -51,6 +52,14 @@ ResultT = TypeVar("ResultT")
 Connection = psycopg.Connection[tuple[Any, ...]]
 
 
+def demand_dsn(dsn: str) -> None:
+    """Raises `UsageError` for what names no database."""
+    try:
+        conninfo.conninfo_to_dict(dsn)
+    except psycopg.ProgrammingError as error:
+        raise UsageError(f"history.dsn is wrong: {str(error).strip()}") from None
+
+
 class PostgresStore(Store):
     """History in the schema `multidrop`, or another, of the database that `dsn` names.
 
@@ -60,10 +69,7 @@ class PostgresStore(Store):
     def __init__(
         self, dsn: str, outbox: Outbox | None = None, *, schema: str = "multidrop"
     ) -> None:
-        try:
-            conninfo.conninfo_to_dict(dsn)
-        except psycopg.ProgrammingError as error:
-            raise UsageError(f"the dsn of the history is wrong: {error}") from None
+        demand_dsn(dsn)
         self._dsn = dsn
         self._schema = schema
         self._outbox = outbox
@@ -136,6 +142,8 @@ class PostgresStore(Store):
         batches = [unpack(item.data, item.lost) for item in waiting]
         writing.take(batches, self._forget)
         self._outbox.done(waiting[-1].number)
+        if len(waiting) < AT_ONCE:
+            self._stop.wait(SAFE_EVERY)  # each transaction makes the server wait for its disk
         return True
 
     def _connect(self) -> Connection:

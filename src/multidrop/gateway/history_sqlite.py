@@ -14,6 +14,7 @@ from pathlib import Path
 from multidrop.errors import UsageError
 from multidrop.gateway.blocks import Chunk, decode, encode
 from multidrop.gateway.buckets import Summary, summary_of
+from multidrop.gateway.durable import Durable
 from multidrop.gateway.records import GOOD, Batch, Gap, Kept, Row, Span
 from multidrop.gateway.store import (
     FORGET_AT_ONCE,
@@ -52,11 +53,9 @@ CREATE INDEX blocks_of_series ON blocks (series, span, first, last, count, minim
 
 SETTINGS = """
 PRAGMA journal_mode = WAL;
-PRAGMA synchronous = FULL;
 PRAGMA wal_autocheckpoint = 4000;
 PRAGMA busy_timeout = 10000;
 """
-"""FULL: every commit, one a second, is on the disk when it is done, also if the power fails."""
 
 
 class SqliteStore(Store):
@@ -75,6 +74,7 @@ class SqliteStore(Store):
             self._writer = self._reader if only_read else self._open(path, only_read)
         except (sqlite3.Error, OSError) as error:
             raise UsageError(f"{path}: no history can be kept here: {error}") from None
+        self._durable = Durable(self._writer)
         self._series: dict[tuple[str, str], int] = {}
         self._fresh: Counter[int] = Counter()
         if not only_read:
@@ -95,6 +95,7 @@ class SqliteStore(Store):
     def write(self, batches: Sequence[Batch], forget: int | None = None) -> None:
         fresh = self._fresh.copy()
         try:
+            self._durable.choose()
             self._writer.execute("BEGIN IMMEDIATE")
             for batch in batches:
                 self._take(batch)
@@ -318,7 +319,8 @@ class SqliteStore(Store):
         codes = chunk.codes or bytes([GOOD]) * len(chunk.times)
         return row[0], Chunk([chunk.times[at]], [chunk.values[at]], [codes[at]])
 
-    def _open(self, path: Path, only_read: bool) -> sqlite3.Connection:
+    @staticmethod
+    def _open(path: Path, only_read: bool) -> sqlite3.Connection:
         connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         try:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
@@ -342,3 +344,12 @@ class SqliteStore(Store):
             connection.close()
             raise
         return connection
+
+
+def demand_history(path: Path) -> None:
+    """Raises `UsageError` where a file is there that is no history of this version."""
+    if path.is_file() and path.stat().st_size:
+        try:
+            SqliteStore(path, only_read=True).close()
+        except UsageError as error:
+            raise UsageError(f"history.path {error}") from None

@@ -5,14 +5,18 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import partial
 from typing import Any
 
-from multidrop.gateway.polled import polled, targets_of
+from multidrop.gateway.polled import at_one_place, polled, targets_of
 from multidrop.io.audit import AuditLog
-from multidrop.io.poller import OnReading
+from multidrop.io.line import Timed
+from multidrop.io.poller import OnReading, Polled, Quality
 from multidrop.io.polling import Plan
 from multidrop.io.service import LineService, one_line, settings_of_line
 from multidrop.plant import PlantDevice
+from multidrop.writing import Written
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,23 @@ class GatewayLine:
         self._on_reading = on_reading
         self._polling: asyncio.Task[None] | None = None
         self._turn = asyncio.Lock()  # to start polling, or to change what is polled
+        self._listen_to_writes()
+
+    def _listen_to_writes(self) -> None:
+        for name, served in self.service.devices.items():
+            served.on_written = partial(self._written, name)
+
+    def _written(self, name: str, timed: Timed[Written]) -> None:
+        """What a write has found is the newest of all that is polled at its place, by any name."""
+        written, found = timed.result.point, timed.result.found
+        if found is None:
+            return
+        polls = (poll for poll in self.plan.polls if poll.name == name)
+        there = [point for poll in polls for point in poll.group if at_one_place(point, written)]
+        read = Timed([found] * len(there), timed.received_at, timed.seconds)
+        readings = self.service.device(name).readings(there, read)
+        for point, reading in zip(there, readings, strict=True):
+            self._on_reading(Polled(name, point, Quality.GOOD, datetime.now(UTC), reading))
 
     def _plan(self) -> Plan:
         return self.service.plan(
@@ -101,6 +122,7 @@ class GatewayLine:
             self.service.change(targets_of(devices))
             self.devices = tuple(devices)
             self.plan = self._plan()
+            self._listen_to_writes()
 
     @property
     def keys(self) -> list[tuple[str, str]]:

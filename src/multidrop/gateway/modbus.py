@@ -11,13 +11,17 @@ from __future__ import annotations
 
 import asyncio
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from multidrop.errors import Error, NoReply, OutcomeUnknown, PortError, ProtocolError, UsageError
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.register_map import Entry, RegisterMap, keep_map
+from multidrop.gateway.register_map import Entry, RegisterMap, keep_map, map_of
+from multidrop.gateway.settings import Settings, demand_writable, objections
 from multidrop.io.listen import Called, Caller, listen
+from multidrop.io.ports import tcp_address
+from multidrop.plant import Plant
 
 try:
     from pymodbus.constants import ExcCodes
@@ -76,6 +80,23 @@ def part(gateway: Gateway) -> ModbusServer:
     """The part of a gateway whose plant file has a `[modbus]`."""
     assert gateway.settings.modbus is not None
     return ModbusServer(gateway, gateway.settings.modbus)
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[modbus]`, and with the register map that it names."""
+    table = settings.modbus
+    assert table is not None
+    path = settings.path(table.map)
+
+    def listens() -> None:
+        try:
+            tcp_address(f"tcp://{table.listen}")
+        except UsageError:
+            raise UsageError(f"modbus.listen is {table.listen!r}, which is not HOST:PORT") from None
+
+    for text in objections(lambda: map_of(plant, path)):
+        yield from (f"modbus.map: {line}" for line in text.splitlines())
+    yield from objections(listens, lambda: demand_writable("modbus.map", path))
 
 
 class ModbusServer:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from multidrop.errors import Error, UsageError
@@ -20,6 +21,7 @@ from multidrop.gateway.mqtt_broker import (
     answer_properties,
     command_of,
     subscribe,
+    wrong_with_broker,
 )
 from multidrop.gateway.mqtt_commands import Command, done, failed, may_answer
 from multidrop.gateway.mqtt_topics import (
@@ -33,7 +35,9 @@ from multidrop.gateway.mqtt_topics import (
     state_payload,
     unread_payload,
 )
+from multidrop.gateway.settings import Settings, objections
 from multidrop.gateway.values import Key, Update
+from multidrop.plant import Plant
 from multidrop.writing import Written
 
 if TYPE_CHECKING:
@@ -58,6 +62,17 @@ def part(gateway: Gateway) -> Mqtt:
     """The part of a gateway whose plant file has an `[mqtt]`. Raises `UsageError`."""
     assert gateway.settings.mqtt is not None
     return Mqtt(gateway, gateway.settings.mqtt)
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[mqtt]`."""
+    table = settings.mqtt
+    assert table is not None
+    yield from wrong_with_broker(table, settings.path)
+    yield from objections(
+        lambda: checked_topic(table.topic, "mqtt.topic"),
+        lambda: table.discovery is None or checked_topic(table.discovery, "mqtt.discovery"),
+    )
 
 
 class Mqtt:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt_commands import Command
 from multidrop.gateway.mqtt_topics import OFFLINE
+from multidrop.gateway.settings import objections
 
 try:
     import aiomqtt
@@ -49,8 +50,7 @@ class Broker:
     """Where a broker is, and what it takes to connect. Raises `UsageError` for what cannot be."""
 
     def __init__(self, settings: MqttSettings, place: Callable[[str], Path]) -> None:
-        if not settings.host or settings.port > HIGHEST_PORT:
-            raise UsageError(f"mqtt: there is no broker at {settings.host!r}, port {settings.port}")
+        _demand_place(settings)
         self._settings = settings
         self._tls = _tls(settings, place)
         self._password = _password(settings, place)
@@ -123,6 +123,25 @@ def answer_properties(correlation: bytes | None) -> Properties:
     return properties
 
 
+def wrong_with_broker(settings: MqttSettings, place: Callable[[str], Path]) -> Iterator[str]:
+    """What is wrong with where the broker is, and what it takes to connect."""
+    return objections(
+        lambda: _demand_place(settings),
+        lambda: _tls(settings, place),
+        lambda: _password(settings, place),
+    )
+
+
+def _demand_place(settings: MqttSettings) -> None:
+    """Raises `UsageError` where nothing can be."""
+    if not settings.host:
+        raise UsageError("mqtt.host is empty: there is no broker at ''")
+    if settings.port > HIGHEST_PORT:
+        raise UsageError(
+            f"mqtt.port is {settings.port}, and {HIGHEST_PORT} the highest: there is no broker at it"
+        )
+
+
 def _loopback(host: str) -> bool:
     try:
         return ip_address(host).is_loopback
@@ -161,4 +180,13 @@ def _password(settings: MqttSettings, place: Callable[[str], Path]) -> str | Non
     return lines[0]
 
 
-__all__ = ["FRESH", "KEPT", "Broker", "aiomqtt", "answer_properties", "command_of", "subscribe"]
+__all__ = [
+    "FRESH",
+    "KEPT",
+    "Broker",
+    "aiomqtt",
+    "answer_properties",
+    "command_of",
+    "subscribe",
+    "wrong_with_broker",
+]

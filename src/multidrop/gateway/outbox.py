@@ -1,7 +1,7 @@
 """Records that wait on disk for a server that is away: in order, bounded, the oldest go first.
 
-One SQLite file. Every `put` is on the disk when it returns, also if the power fails. What was
-delivered is taken out with the next `put`: after a crash in between it is delivered again, so
+One SQLite file. Every `put` is safe when the process is killed; against loss of power it is made
+safe once a second. What was delivered is taken out with the next `put`: after a crash in between it is delivered again, so
 whoever receives must know a record that came already.
 """
 
@@ -11,10 +11,12 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from multidrop.errors import UsageError
+from multidrop.gateway.durable import Durable
 from multidrop.gateway.records import Gap
 
 APPLICATION = 0x6D645F6F  # "md_o", which says whose file it is
@@ -62,6 +64,7 @@ class Outbox:
             self._file = _open(path)
         except (sqlite3.Error, OSError) as error:
             raise UsageError(f"{path}: no outbox can be kept here: {error}") from None
+        self._durable = Durable(self._file)
         self._size, self._count = self._file.execute(
             "SELECT coalesce(sum(length(data)), 0), coalesce(sum(samples), 0) FROM records"
         ).fetchone()
@@ -101,6 +104,7 @@ class Outbox:
         with self._lock:
             kept = self._size, self._count
             try:
+                self._durable.choose()
                 self._file.execute("BEGIN IMMEDIATE")
                 self._forget_delivered()
                 for data, first, last, samples in records:
@@ -196,14 +200,33 @@ class Outbox:
 def _open(path: Path) -> sqlite3.Connection:
     file = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
     try:
-        (application,) = file.execute("PRAGMA application_id").fetchone()
-        (tables,) = file.execute("SELECT count(*) FROM sqlite_master").fetchone()
-        if tables and application != APPLICATION:
-            raise UsageError(f"{path}: not an outbox of multidrop")
-        file.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;")
-        if not tables:
+        empty = _is_empty(file, path)
+        file.executescript("PRAGMA journal_mode = WAL;")
+        if empty:
             file.executescript(SCHEMA)
     except BaseException:
         file.close()
         raise
     return file
+
+
+def _is_empty(file: sqlite3.Connection, path: Path) -> bool:
+    """Whether nothing is in it yet. Raises `UsageError` for somebody else's file."""
+    (application,) = file.execute("PRAGMA application_id").fetchone()
+    (tables,) = file.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and application != APPLICATION:
+        raise UsageError(f"{path}: not an outbox of multidrop")
+    return not tables
+
+
+def demand_outbox(path: Path) -> None:
+    """Raises `UsageError` where a file is there that is no outbox."""
+    if not path.is_file():
+        return
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True)) as file:
+            _is_empty(file, path)
+    except sqlite3.Error as error:
+        raise UsageError(f"history.outbox {path}: no outbox: {error}") from None
+    except UsageError as error:
+        raise UsageError(f"history.outbox {error}") from None

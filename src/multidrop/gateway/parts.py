@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from multidrop.errors import UsageError
-from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.settings import CLASSES
+from multidrop.gateway.settings import CLASSES, Settings
+from multidrop.plant import Plant
+
+if TYPE_CHECKING:
+    from multidrop.gateway.gateway import Gateway
 
 PARTS: dict[str, str] = {
     "history": "multidrop.gateway.history",
@@ -16,7 +21,11 @@ PARTS: dict[str, str] = {
     "modbus": "multidrop.gateway.modbus",
     "mqtt": "multidrop.gateway.mqtt",
 }
-"""Table -> module with `part(gateway) -> Part`, in the order in which they are started. Imported when needed."""
+"""Table -> module, in the order in which they are started. Imported when needed.
+
+`part(gateway) -> Part` makes it; `wrong(plant, settings) -> Iterator[str]` says what is wrong with
+its table, key by key, and opens and changes nothing.
+"""
 
 
 def add_parts(gateway: Gateway) -> None:
@@ -28,3 +37,14 @@ def add_parts(gateway: Gateway) -> None:
     for table in PARTS:
         if table in wanted:
             gateway.add(import_module(PARTS[table]).part(gateway))
+
+
+def wrong_with_parts(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What the parts find wrong with their tables, before anything is opened."""
+    for table, module in PARTS.items():
+        if getattr(settings, table) is None:
+            continue
+        try:
+            yield from import_module(module).wrong(plant, settings)
+        except UsageError as error:  # it is not installed
+            yield str(error)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from multidrop.io.connection import Target
 from multidrop.plant import PlantDevice
-from multidrop.points import Role
+from multidrop.points import Point, Role
 
 FAULT_EVERY = 1.0
 """s between two readings of a profile's fault word where the plant does not name it."""
@@ -25,6 +26,11 @@ def polled(device: PlantDevice) -> dict[str, float]:
     """Point name -> s. A device of which nothing is wanted is not polled at all."""
     wanted = device.every
     return {**wanted, **dict.fromkeys(fault_words(device), FAULT_EVERY)} if wanted else {}
+
+
+def at_one_place(one: Point, other: Point) -> bool:
+    """Whether two points are the same place in the device, read as the same type."""
+    return replace(one, text="", description=None) == replace(other, text="", description=None)
 
 
 def fault_words(device: PlantDevice) -> list[str]:

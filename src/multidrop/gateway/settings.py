@@ -6,7 +6,8 @@ dataclass here; each field is a key, with its meaning, for docs/reference/config
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -114,6 +115,33 @@ class Settings:
     def path(self, text: str) -> Path:
         """A path as a table gives it."""
         return self.folder / Path(text).expanduser()
+
+
+def objections(*attempts: Callable[[], object]) -> Iterator[str]:
+    """What all these raise as `UsageError`: one thing that is wrong must not hide another."""
+    for attempt in attempts:
+        try:
+            attempt()
+        except UsageError as error:
+            yield str(error)
+
+
+def demand_writable(key: str, path: Path, *, folder: bool = False) -> None:
+    """Raises `UsageError` where `key` names a file (or a folder) that cannot be written or made."""
+    if path.exists():
+        if path.is_dir() is not folder:
+            kind = "is no folder" if folder else "is a folder"
+            raise UsageError(f"{key} {path}: it {kind}")
+        if not os.access(path, os.W_OK):
+            raise UsageError(f"{key} {path}: it cannot be written")
+        return
+    above = path.parent
+    while folder and not above.exists():
+        above = above.parent
+    if not above.is_dir():
+        raise UsageError(f"{key} {path}: there is no folder {above}")
+    if not os.access(above, os.W_OK):
+        raise UsageError(f"{key} {path}: it cannot be made, for {above} cannot be written")
 
 
 CLASSES: Mapping[str, type] = {

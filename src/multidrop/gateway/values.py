@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from multidrop.io.poller import Polled, Quality
 from multidrop.points import Value
@@ -61,11 +61,14 @@ class Values:
         self._asked = float("-inf")
 
     def take(self, polled: Polled) -> None:
-        """A poll says something. Raises what a listener raises."""
+        """A poll says something, or the read-back of a write. Raises what a listener raises."""
         now = self._now()
         if now - self._asked >= CLOCK_EVERY:
             self._asked, self._synchronised = now, self._ask_clock()
         name = polled.point.name or polled.point.text
+        before = self.latest.get((polled.device, name))
+        if before is not None and not polled.good:
+            polled = _with_newest(polled, before.polled)
         update = Update(polled.device, name, polled, now, self._synchronised)
         self.latest[update.key] = update
         for listener in self.listeners:
@@ -84,3 +87,11 @@ class Values:
         kept = set(keys)
         for key in [key for key in self.latest if key not in kept]:
             del self.latest[key]
+
+
+def _with_newest(polled: Polled, before: Polled) -> Polled:
+    """A poll that failed knows what polls have read, and not what a write has found since."""
+    known, own = before.reading, polled.reading
+    if known is None or before.point != polled.point:
+        return polled
+    return polled if own is not None and own.time >= known.time else replace(polled, reading=known)

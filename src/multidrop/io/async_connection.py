@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -16,7 +16,7 @@ from multidrop.io.connection import BaseConnection, Service, Target, checked, ke
 from multidrop.io.line import Timed
 from multidrop.io.turns import Priority
 from multidrop.naming import DeviceName
-from multidrop.points import Point, Reading, Value
+from multidrop.points import Point, Reading, Sample, Value
 from multidrop.writing import Written
 
 ResultT = TypeVar("ResultT")
@@ -26,6 +26,7 @@ class AsyncConnection(BaseConnection):
     """A device on an asyncio line. Use it in an `async with`."""
 
     line: AsyncLine
+    on_written: Callable[[Timed[Written]], None] | None = None  # told before anything else is asked
     _acted = False  # whether what was asked last sent more than reads
 
     async def carry_out(
@@ -79,7 +80,7 @@ class AsyncConnection(BaseConnection):
         log.check()
         try:
             conversation = self.device.write(write, verify=verify)
-            record = (await self.carry_out(conversation, Priority.WRITE)).result
+            timed = await self.carry_out(conversation, Priority.WRITE)
         except (asyncio.CancelledError, PortError) as why:
             if not self._acted:
                 raise
@@ -87,8 +88,14 @@ class AsyncConnection(BaseConnection):
             if isinstance(why, asyncio.CancelledError):
                 raise
             return checked(record)
-        log.written(self.name, record)
-        return checked(record)
+        log.written(self.name, timed.result)
+        if self.on_written is not None:
+            self.on_written(timed)
+        return checked(timed.result)
+
+    def readings(self, points: Sequence[Point], timed: Timed[list[Sample]]) -> list[Reading]:
+        """What came for these points in one conversation, each with its scale and unit."""
+        return self._readings(points, timed, self._now())
 
     async def status(self) -> Report:
         """What the protocol offers of the device's state."""

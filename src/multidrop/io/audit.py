@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import socket
@@ -13,6 +14,11 @@ from multidrop.errors import UsageError
 from multidrop.points import Sample, Value
 from multidrop.profile import PointDescription
 from multidrop.writing import Written
+
+ROOM = 4096
+"""Bytes that must be free on the disk before a write; no line is longer."""
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 ENVIRONMENT = "MULTIDROP_AUDIT"
 """Names another file for the log."""
@@ -60,6 +66,7 @@ class AuditLog:
         """Before a write: raises `UsageError` if the log cannot be written, unless forced."""
         try:
             self._append("")
+            self._demand_room()
         except OSError as error:
             if not self._force:
                 raise UsageError(
@@ -96,6 +103,18 @@ class AuditLog:
             self.lines += 1
         except OSError:
             if not self._force:
+                raise
+
+    def _demand_room(self) -> None:
+        """A full disk takes nothing but an empty line. Raises `OSError`."""
+        import tempfile
+
+        try:
+            with tempfile.TemporaryFile(dir=self.path.parent) as room:
+                room.write(bytes(ROOM))
+                room.flush()
+        except OSError as error:
+            if error.errno in FULL:  # nobody may make files here, say: then the log tells
                 raise
 
     def _append(self, text: str) -> None:

@@ -234,7 +234,7 @@ def test_the_store_is_the_one_that_the_settings_name(tmp_path: Path) -> None:
     assert isinstance(store, SqliteStore)
     assert store.path == tmp_path / "x.db"
     store.close()
-    with pytest.raises(UsageError, match="dsn of the history is wrong"):
+    with pytest.raises(UsageError, match=r"history\.dsn is wrong"):
         open_store(HistorySettings(dsn="postgresql://x?nonsense=1"), lambda text: tmp_path / text)
 
 

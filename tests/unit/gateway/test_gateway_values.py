@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -41,6 +42,22 @@ def test_the_latest_is_kept_and_told() -> None:
     ]
     assert (latest.key, latest.quality) == (("infeed", "p"), Quality.STALE)
     assert values.get("infeed", "other") is None
+
+
+def test_a_failed_poll_does_not_bring_back_what_is_older() -> None:
+    values = Values(Clock())
+    polled = update(value=1, at=1.0).polled
+    found = update(value=2, at=2.0).polled
+    values.take(polled)
+    values.take(found)
+    values.take(replace(polled, quality=Quality.NO_REPLY))
+    latest = values.latest["infeed", "p"]
+    assert (latest.value, latest.quality) == (2, Quality.NO_REPLY)
+    values.take(replace(polled, quality=Quality.NO_REPLY, reading=None))
+    assert values.latest["infeed", "p"].value == 2
+    other = replace(polled.point, text="another place")
+    values.take(replace(polled, point=other, quality=Quality.NO_REPLY, reading=None))
+    assert values.latest["infeed", "p"].value is None
 
 
 def test_whether_the_clock_is_right_is_asked_now_and_then() -> None:

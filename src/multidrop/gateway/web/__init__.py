@@ -5,9 +5,19 @@ It needs the extra `gateway`; what decides who may ask does not.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from multidrop.errors import UsageError
+from multidrop.gateway.settings import Settings, objections
+from multidrop.gateway.web.access import (
+    certificate_of,
+    demand_pair,
+    place_of,
+    split_address,
+    tokens_of,
+)
+from multidrop.plant import Plant
 
 if TYPE_CHECKING:
     from multidrop.gateway.gateway import Gateway
@@ -31,3 +41,25 @@ def part(gateway: Gateway) -> Web:
     from multidrop.gateway.web.server import Web
 
     return Web(gateway)
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[http]`."""
+    http = settings.http
+    assert http is not None
+    demand_installed()
+
+    def certificate() -> None:
+        files = certificate_of(settings)
+        if files:
+            demand_pair(*files)
+
+    def tokens() -> None:
+        try:
+            tokens_of(settings).all()
+        except UsageError as error:
+            raise UsageError(f"http.tokens {error}") from None
+
+    alone = (lambda: split_address(http.listen), certificate, tokens)
+    found = list(objections(*alone))
+    yield from found or objections(lambda: place_of(settings))

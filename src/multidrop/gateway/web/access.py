@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
+from ssl import PROTOCOL_TLS_SERVER, SSLContext, SSLError
 from urllib.parse import urlsplit
 
 from multidrop.errors import UsageError
@@ -85,14 +86,8 @@ def place_of(settings: Settings) -> Place:
     """Where to listen. Raises `UsageError` where that is not safe, and says how to make it so."""
     http = settings.http or HttpSettings()
     host, port = split_address(http.listen)
-    if (http.certificate is None) != (http.key is None):
-        raise UsageError("http.certificate and http.key belong together")
-    files = [None if name is None else settings.path(name) for name in (http.certificate, http.key)]
-    for file in files:
-        if file is not None and not file.is_file():
-            raise UsageError(f"{file}: no such file")
-    place = Place(host, port, *files)
-    tokens = TokenFile(None if http.tokens is None else settings.path(http.tokens)).all()
+    place = Place(host, port, *certificate_of(settings))
+    tokens = tokens_of(settings).all()
     if not place.loopback and not (tokens and place.certificate):
         missing = " and ".join(
             ["a token"] * (not tokens) + ["a TLS certificate"] * (place.certificate is None)
@@ -102,6 +97,46 @@ def place_of(settings: Settings) -> Place:
             + HOW.format(name=socket.gethostname())
         )
     return place
+
+
+def tokens_of(settings: Settings) -> TokenFile:
+    """The tokens that `[http]` names."""
+    http = settings.http or HttpSettings()
+    return TokenFile(None if http.tokens is None else settings.path(http.tokens))
+
+
+def certificate_of(settings: Settings) -> tuple[Path, Path] | tuple[()]:
+    """The files of the certificate and its key. Raises `UsageError` where they cannot be read."""
+    http = settings.http or HttpSettings()
+    if (http.certificate is None) != (http.key is None):
+        raise UsageError("http.certificate and http.key belong together")
+    if http.certificate is None or http.key is None:
+        return ()
+    named = {"http.certificate": http.certificate, "http.key": http.key}
+    paths = {key: settings.path(name) for key, name in named.items()}
+    for key, path in paths.items():
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise UsageError(f"{key} {path}: {error.strerror}") from None
+    certificate, key_file = paths.values()
+    return certificate, key_file
+
+
+def demand_pair(certificate: Path, key: Path) -> None:
+    """Raises `UsageError` where they cannot be used together."""
+    try:
+        SSLContext(PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, _no_password)
+    except SSLError as error:
+        reason = error.reason or "not PEM, or the key has a password"
+        raise UsageError(
+            f"http.certificate {certificate} and http.key {key} are no pair: {reason}"
+        ) from None
+
+
+def _no_password() -> str:
+    """A gateway that starts at night has nobody who types one."""
+    return ""
 
 
 class Access:

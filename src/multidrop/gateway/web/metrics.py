@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.history import History, HistoryState
 from multidrop.io.poller import Quality
 
 CONTENT = "text/plain; version=0.0.4; charset=utf-8"
@@ -24,6 +25,9 @@ def _lines(gateway: Gateway) -> Iterator[str]:
     yield from _of_lines(gateway)
     yield from _of_devices(gateway)
     yield from _of_points(gateway)
+    history = gateway.parts.get("history")
+    if isinstance(history, History):
+        yield from _of_history(history.state)
 
 
 def _of_lines(gateway: Gateway) -> Iterator[str]:
@@ -115,12 +119,28 @@ def _of_points(gateway: Gateway) -> Iterator[str]:
     )
 
 
+def _of_history(state: HistoryState) -> Iterator[str]:
+    for name, kind, meaning, value in (
+        ("up", "gauge", "whether history is being written", float(state.error is None)),
+        ("waiting_samples", "gauge", "samples that are not in the database yet", state.waiting),
+        ("lost_samples_total", "counter", "samples that had no room to wait", state.lost),
+        (
+            "outbox_hours",
+            "gauge",
+            "how long the database server may be away at the present rate",
+            state.hours,
+        ),
+    ):
+        yield from _metric(f"history_{name}", kind, meaning, [({}, value)])
+
+
 def _metric(name: str, kind: str, meaning: str, samples: Iterable[Sample]) -> Iterator[str]:
     yield f"# HELP multidrop_{name} {meaning}\n# TYPE multidrop_{name} {kind}\n"
     for labels, value in samples:
         if value is not None:
             shown = ",".join(f'{label}="{_escaped(text)}"' for label, text in labels.items())
-            yield f"multidrop_{name}{{{shown}}} {_number(value)}\n"
+            braces = f"{{{shown}}}" if shown else ""
+            yield f"multidrop_{name}{braces} {_number(value)}\n"
 
 
 def _number(value: float) -> str:

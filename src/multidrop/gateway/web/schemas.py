@@ -65,6 +65,7 @@ SCHEMAS: dict[str, Schema] = {
     "Limits": fields(min=NUMBER, max=NUMBER, rate=NUMBER, motion=YES_NO),
     "Status": fields(
         now=TIME,
+        history=maybe(fields(error=maybe(TEXT), waiting=WHOLE, lost=WHOLE, hours=maybe(NUMBER))),
         lines=listed(
             fields(
                 name=TEXT,

@@ -22,10 +22,9 @@ from starlette.types import ASGIApp
 from multidrop.errors import PortError, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.settings import HttpSettings
-from multidrop.gateway.web.access import Access, Place, Refused, place_of
+from multidrop.gateway.web.access import Access, Place, Refused, place_of, tokens_of
 from multidrop.gateway.web.api import Api
 from multidrop.gateway.web.guard import Guard, refusal
-from multidrop.gateway.web.tokens import TokenFile
 
 PAGE = Path(__file__).with_name("page")
 
@@ -55,8 +54,7 @@ class Web:
         http = settings.http or HttpSettings()
         self._gateway = gateway
         self._place = place_of(settings)
-        tokens = TokenFile(None if http.tokens is None else settings.path(http.tokens))
-        self._access = Access(self._place, http.names, tokens)
+        self._access = Access(self._place, http.names, tokens_of(settings))
 
     async def run(self) -> None:
         """Until cancelled. Raises `PortError` where it cannot listen."""

@@ -17,6 +17,7 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.history import History
 from multidrop.gateway.passports import Busy, NoPassport, NotKept, Passports, Taking
 from multidrop.gateway.permission import NotAllowed
 from multidrop.gateway.polled import polled, role_of, target_of
@@ -156,9 +157,11 @@ def read_now(device_name: str, reading: Reading) -> dict[str, Any]:
 
 
 def status(gateway: Gateway) -> dict[str, Any]:
-    """Every line and device: whether it answers, how full, what was counted."""
+    """Every line and device: whether it answers, how full, what was counted; how history is kept."""
+    history = gateway.parts.get("history")
     return {
         "now": now(),
+        "history": asdict(history.state) if isinstance(history, History) else None,
         "lines": [asdict(line) for line in gateway.line_health()],
         "devices": [asdict(gateway.device_health(name)) for name in gateway.plant.devices],
         "readings": readings(gateway),
