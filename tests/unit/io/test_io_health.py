@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from multidrop.io.health import JUST_SILENT, PROBES, DeviceCounters, Health, Load, Probe, total
+from multidrop.io.health import JUST_SILENT, PROBES, Health, Load, Probe, total
 from multidrop.session import Counters
 
 WORST = 1.5
@@ -175,16 +173,3 @@ def test_a_load_is_never_more_than_all() -> None:
 def test_counters_of_several_times_open() -> None:
     first, second = Counters(requests=2, foreign=1), Counters(requests=3, damaged=4)
     assert total([first, second]) == Counters(requests=5, foreign=1, damaged=4)
-
-
-def test_counting_what_was_counted_since() -> None:
-    names = [item.name for item in fields(Counters)]
-    line = Counters(*(10 * at for at in range(len(names))))
-    before = line.copy()
-    assert before == line
-    for at, name in enumerate(names):
-        setattr(line, name, getattr(line, name) + at + 1)
-    assert before != line, "a copy does not go on counting"
-    device = DeviceCounters(*(100 for _ in names), busy=0.5)
-    device.count_since(before, line)
-    assert device == DeviceCounters(*(101 + at for at in range(len(names))), busy=0.5)
