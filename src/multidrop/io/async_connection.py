@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cached_property
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -28,6 +29,11 @@ class AsyncConnection(BaseConnection):
     line: AsyncLine
     _acted = False  # whether what was asked last sent more than reads
 
+    @cached_property
+    def _now(self) -> Callable[[], float]:
+        """The clock of the loop."""
+        return asyncio.get_running_loop().time
+
     async def carry_out(
         self, conversation: Conversation[Any, ResultT], priority: Priority = Priority.OPERATOR
     ) -> Timed[ResultT]:
@@ -35,15 +41,9 @@ class AsyncConnection(BaseConnection):
         self._acted = False
         line = self.line
         try:
-            watched = self._watched(conversation, line)
-            return await line.timed(watched, priority, self.device.address)
+            return await line.timed(conversation, priority, self.device.address)
         finally:
             self._acted = line.acted
-
-    def _watched(
-        self, conversation: Conversation[Any, ResultT], line: AsyncLine
-    ) -> Conversation[Any, ResultT]:
-        return conversation
 
     async def read(self, point: str | Point, *, priority: Priority = Priority.OPERATOR) -> Reading:
         """Read one point; raises as the blocking one does."""
@@ -56,10 +56,6 @@ class AsyncConnection(BaseConnection):
         """Read points that the device's `plan` put together; raises as `read` does."""
         conversation = self.device.read_group(group)
         return self._readings(group, await self.carry_out(conversation, priority), self._now())
-
-    @staticmethod
-    def _now() -> float:
-        return asyncio.get_running_loop().time()
 
     async def write(
         self,

@@ -54,8 +54,13 @@ class ServedDevice(AsyncConnection):
     async def carry_out(
         self, conversation: Conversation[Any, ResultT], priority: Priority = Priority.OPERATOR
     ) -> Timed[ResultT]:
+        """Any conversation with the device, in its turn; what came of it is counted."""
+        self._acted = False
+        line = self.line
         try:
-            timed = await super().carry_out(conversation, priority)
+            timed = await line.timed(
+                self._watched(conversation, line), priority, self.device.address
+            )
         except NoReply as silence:
             self.last_error = silence
             if self.polled and self._health.not_heard(self.short_name, self._now()):
@@ -65,6 +70,8 @@ class ServedDevice(AsyncConnection):
             self.counters.refusals += isinstance(answer, DeviceError)
             self._health.heard(self.short_name)
             raise
+        finally:
+            self._acted = line.acted
         self._health.heard(self.short_name)
         return timed
 
