@@ -9,7 +9,7 @@ the line from its first to its last step.
 from __future__ import annotations
 
 from collections.abc import Generator, Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 
@@ -97,7 +97,7 @@ def once(conversation: Conversation[FrameT, ResultT]) -> Conversation[FrameT, Re
         while True:
             step = conversation.send(answer) if error is None else conversation.throw(error)
             if isinstance(step, Ask):
-                step = replace(step, attempts=1)
+                step = type(step)(step.frame, step.repeatable, 1)
             answer, error = None, None
             try:
                 answer = yield step

@@ -121,6 +121,8 @@ class PointDescription:
 
     def meaning_of(self, raw: Value) -> str | None:
         """The name of a raw value, or of the bits that are set in it; None where it has none."""
+        if not self.names and not self.bits:  # as most points
+            return None
         if isinstance(raw, str | bytes | float):
             return None
         if self.bits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
 from multidrop.description import PointDescription, Role, Value, shown_value
 
@@ -46,12 +47,34 @@ class Point:
         """The physical value of a raw one, by the profile's scale."""
         return self.description.physical(raw) if self.description else raw
 
+    def reading(self, sample: Sample, time: datetime, ms: float) -> Reading:
+        """What a device gave for this point, with all that is known of it."""
+        value, type_, raw, fault = sample
+        known, raw_text = self.description, self.raw_text(raw)
+        if known is None:
+            return Reading(self.text, None, value, None, type_, raw, fault, time, ms, raw_text)
+        return Reading(
+            self.text,
+            known.name,
+            known.physical(value),
+            known.unit,
+            type_,
+            raw,
+            fault,
+            time,
+            ms,
+            raw_text,
+            known.meaning_of(value),
+        )
+
     def __str__(self) -> str:
         return f"{self.name} ({self.text})" if self.name else self.text
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
+# Named tuples, not dataclasses: a gateway makes thousands of each every second.
+
+
+class Sample(NamedTuple):
     """What a device gave for a point: unscaled `value`, its bytes on the wire, its fault bit.
 
     `fault` is None where the protocol has no such bit.
@@ -63,8 +86,7 @@ class Sample:
     fault: bool | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """A physical value with everything that is known of it.
 
     `time` (UTC) is the receipt of the answer's last byte, `ms` the time from

@@ -25,6 +25,22 @@ class Counters:
     foreign: int = 0  # valid frames that nobody here had asked for
     echoes: int = 0
 
+    # Written out, for a line service does both for every poll.
+
+    def copy(self) -> Counters:
+        return Counters(
+            self.requests, self.answers, self.no_reply, self.damaged, self.foreign, self.echoes
+        )
+
+    def count_since(self, before: Counters, now: Counters) -> None:
+        """Count what was counted in `now` since `before`, a copy of it."""
+        self.requests += now.requests - before.requests
+        self.answers += now.answers - before.answers
+        self.no_reply += now.no_reply - before.no_reply
+        self.damaged += now.damaged - before.damaged
+        self.foreign += now.foreign - before.foreign
+        self.echoes += now.echoes - before.echoes
+
 
 @dataclass(slots=True)
 class Delays:

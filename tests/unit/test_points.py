@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from multidrop.points import Point, Role, shown_value
+from datetime import UTC, datetime
+
+from multidrop.points import Point, Reading, Role, Sample, shown_value
 from multidrop.profile import PointDescription
 
 
@@ -51,3 +53,40 @@ def test_a_word_says_a_fault_by_its_bits() -> None:
 
 def test_bytes_are_shown_in_hex() -> None:
     assert Point("8236").raw_text(b"\x7d\x00") == "7d00"
+
+
+TIME = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
+
+
+def test_a_reading_of_a_point_that_nobody_describes() -> None:
+    assert Point("8236").reading(Sample(5, "int16", b"\5\0"), TIME, 1.5) == Reading(
+        point="8236",
+        name=None,
+        value=5,
+        unit=None,
+        type="int16",
+        raw=b"\5\0",
+        fault=None,
+        time=TIME,
+        ms=1.5,
+        raw_text="0500",
+        meaning=None,
+    )
+
+
+def test_a_reading_of_a_point_that_the_profile_describes() -> None:
+    known = PointDescription("mode", "8236:int16", unit="rpm", scale=0.1, names={"5": "fast"})
+    sample = Sample(5, "int16", b"\5\0", fault=True)
+    assert Point("8236", "int16", known).reading(sample, TIME, 1.5) == Reading(
+        point="8236",
+        name="mode",
+        value=0.5,
+        unit="rpm",
+        type="int16",
+        raw=b"\5\0",
+        fault=True,
+        time=TIME,
+        ms=1.5,
+        raw_text="0500",
+        meaning="fast",
+    )

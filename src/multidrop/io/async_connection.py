@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -29,6 +30,11 @@ class AsyncConnection(BaseConnection):
     on_written: Callable[[Timed[Written]], None] | None = None  # told before anything else is asked
     _acted = False  # whether what was asked last sent more than reads
 
+    @cached_property
+    def _now(self) -> Callable[[], float]:
+        """The clock of the loop."""
+        return asyncio.get_running_loop().time
+
     async def carry_out(
         self, conversation: Conversation[Any, ResultT], priority: Priority = Priority.OPERATOR
     ) -> Timed[ResultT]:
@@ -36,15 +42,9 @@ class AsyncConnection(BaseConnection):
         self._acted = False
         line = self.line
         try:
-            watched = self._watched(conversation, line)
-            return await line.timed(watched, priority, self.device.address)
+            return await line.timed(conversation, priority, self.device.address)
         finally:
             self._acted = line.acted
-
-    def _watched(
-        self, conversation: Conversation[Any, ResultT], line: AsyncLine
-    ) -> Conversation[Any, ResultT]:
-        return conversation
 
     async def read(self, point: str | Point, *, priority: Priority = Priority.OPERATOR) -> Reading:
         """Read one point; raises as the blocking one does."""
@@ -57,10 +57,6 @@ class AsyncConnection(BaseConnection):
         """Read points that the device's `plan` put together; raises as `read` does."""
         conversation = self.device.read_group(group)
         return self._readings(group, await self.carry_out(conversation, priority), self._now())
-
-    @staticmethod
-    def _now() -> float:
-        return asyncio.get_running_loop().time()
 
     async def write(
         self,

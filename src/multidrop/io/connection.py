@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
@@ -103,22 +103,10 @@ class BaseConnection:
         self, group: Sequence[Point], timed: Timed[list[Sample]], now: float
     ) -> list[Reading]:
         """Samples with their scale, unit and time."""
-        ago = timedelta(seconds=now - timed.received_at)
-        received = datetime.fromtimestamp(time.time(), UTC) - ago
+        received = datetime.fromtimestamp(time.time() - (now - timed.received_at), UTC)
+        ms = round(timed.seconds * 1000, 3)
         return [
-            Reading(
-                point=point.text,
-                name=point.name,
-                value=point.physical(sample.value),
-                unit=point.unit,
-                type=sample.type,
-                raw=sample.raw,
-                fault=sample.fault,
-                time=received,
-                ms=round(timed.seconds * 1000, 3),
-                raw_text=point.raw_text(sample.raw),
-                meaning=point.description.meaning_of(sample.value) if point.description else None,
-            )
+            point.reading(sample, received, ms)
             for point, sample in zip(group, timed.result, strict=True)
         ]
 

@@ -147,17 +147,22 @@ class Load:
     def __init__(self, window: float = 60.0) -> None:
         self.window = window
         self._seconds: deque[tuple[int, float]] = deque()  # which second, busy in it
+        self._second, self._busy = -1, 0.0  # the one that is not over
         self._since: float | None = None
 
     def add(self, start: float, end: float) -> None:
         """A conversation held the line from `start` to `end`."""
+        if int(end) != self._second:
+            self._next_second(start, end)
+        self._busy += end - start
+
+    def _next_second(self, start: float, end: float) -> None:
         if self._since is None:
             self._since = start
-        second, busy = int(end), end - start
-        if self._seconds and self._seconds[-1][0] == second:
-            busy += self._seconds.pop()[1]
-        self._seconds.append((second, busy))
-        self._forget(end)
+        else:
+            self._seconds.append((self._second, self._busy))
+            self._forget(end)
+        self._second, self._busy = int(end), 0.0
 
     def share(self, now: float) -> float:
         """0..1; of the time since the first conversation where that was later."""
@@ -165,7 +170,9 @@ class Load:
             return 0.0
         self._forget(now)
         span = min(self.window, now - self._since)
-        return min(1.0, sum(busy for _, busy in self._seconds) / span) if span > 0 else 0.0
+        busy = self._busy if self._second >= now - self.window else 0.0
+        busy += sum(busy for _, busy in self._seconds)
+        return min(1.0, busy / span) if span > 0 else 0.0
 
     def _forget(self, now: float) -> None:
         while self._seconds and self._seconds[0][0] < now - self.window:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from multidrop.conversation import Conversation
 from multidrop.exchange import Exchange
@@ -24,8 +23,7 @@ Tap = Callable[[bytes, bool, float, bool], None]
 the port marked it as damaged (parity, framing)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Timed(Generic[ResultT]):
+class Timed(NamedTuple, Generic[ResultT]):
     """What a conversation returned, and its last answer's receipt (monotonic, s) and duration (s)."""
 
     result: ResultT

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
+from typing import NamedTuple
 
 from multidrop.errors import Error, NoReply, PortError, ProtocolError
 from multidrop.io.health import Health
@@ -15,9 +16,6 @@ from multidrop.io.polling import Plan, Poll, Schedule, wire_time
 from multidrop.io.served import ServedDevice
 from multidrop.io.turns import Priority
 from multidrop.points import Point, Reading, Value
-
-WORKERS = 2
-"""Polls that are on their way: one has the line, the next already waits for its turn."""
 
 STALE_AFTER = 3
 """Periods, and one second, after which a point that nothing was heard of is said to be stale."""
@@ -37,8 +35,7 @@ class Quality(StrEnum):
     PORT_LOST = "port lost"
 
 
-@dataclass(frozen=True, slots=True)
-class Polled:
+class Polled(NamedTuple):
     """What is known of a point now, at `time` (UTC).
 
     `reading` is the newest good one, with its own time; None before the first.
@@ -69,10 +66,33 @@ OnReading = Callable[[Polled], None]
 class _Known:
     """The newest of a point: its last good reading, and when anything was last said of it."""
 
+    device: str
+    point: Point
     every: float
     said: float
     reading: Reading | None = None
     stale: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A poll of the plan with what it needs each time.
+
+    `on_the_wire` is how long its characters take, s; None where it is several messages.
+    """
+
+    poll: Poll
+    device: ServedDevice
+    known: tuple[_Known, ...]
+    on_the_wire: float | None
+
+    @classmethod
+    def of(cls, poll: Poll, device: ServedDevice, start: float) -> Standing:
+        """`start` is when the first of its periods is reckoned from."""
+        said = start + poll.phase
+        known = tuple(_Known(poll.name, point, poll.every, said) for point in poll.group)
+        one = wire_time(device.target.settings, poll.sizes) if len(poll.sizes) == 1 else None
+        return cls(poll, device, known, one)
 
 
 class Polling:
@@ -86,27 +106,21 @@ class Polling:
         health: Health,
         on_reading: OnReading,
     ) -> None:
-        self.plan = plan
         self.missed = 0
-        self._devices = devices
         self._port = port
         self._health = health
         self._on_reading = on_reading
         self._loop = asyncio.get_running_loop()
         self._now = self._loop.time
         self._ended: asyncio.Future[None] = self._loop.create_future()
-        self._schedule = Schedule(plan, self._now())
-        self._known = {
-            (poll.name, point): _Known(poll.every, self._now() + poll.phase)
-            for poll in plan.polls
-            for point in poll.group
-        }
+        start = self._now()
+        self._schedule = Schedule(plan, start)
+        self._polls = [Standing.of(poll, devices[poll.name], start) for poll in plan.polls]
         self.names = {poll.name for poll in plan.polls}
 
     async def run(self) -> None:
         """Until it is cancelled or ended; raises what `on_reading` raises."""
-        tasks = [asyncio.create_task(self._work()) for _ in range(WORKERS)]
-        tasks.append(asyncio.create_task(self._watch_ages()))
+        tasks = [asyncio.create_task(self._work()), asyncio.create_task(self._watch_ages())]
         try:
             ended = [*tasks, self._ended]
             done, _ = await asyncio.wait(ended, return_when=asyncio.FIRST_COMPLETED)
@@ -126,82 +140,73 @@ class Polling:
         else:
             self._ended.set_exception(error)
 
-    def cheapest(self, name: str) -> Poll | None:
+    def cheapest(self, name: str) -> Standing | None:
         """The poll of a device that takes the line for the shortest time."""
-        polls = [poll for poll in self.plan.polls if poll.name == name]
-        return min(polls, key=lambda poll: poll.seconds, default=None)
+        polls = [one for one in self._polls if one.poll.name == name]
+        return min(polls, key=lambda one: one.poll.seconds, default=None)
 
-    async def ask(self, poll: Poll, priority: Priority) -> Error | None:
+    async def ask(self, standing: Standing, priority: Priority) -> Error | None:
         """Read one poll's points, and say what came. Returns why none did."""
-        device = self._devices[poll.name]
+        device, known = standing.device, standing.known
         try:
-            readings = await device.poll_group(poll.group, priority)
+            readings = await device.poll_group(standing.poll.group, priority)
         except Error as error:
-            self._say_all(poll, quality_of(error), error)
+            self._say(known, quality_of(error), error)
             return error
-        if len(poll.sizes) == 1:
-            on_the_wire = wire_time(self.plan.settings, poll.sizes)
-            device.notice_delay(readings[0].ms / 1000 - on_the_wire)
-        for point, reading in zip(poll.group, readings, strict=True):
-            self._say(poll.name, point, Quality.GOOD, reading=reading)
+        if standing.on_the_wire is not None:
+            device.notice_delay(readings[0].ms / 1000 - standing.on_the_wire)
+        for one, reading in zip(known, readings, strict=True):
+            one.reading = reading
+        self._say(known, Quality.GOOD)
         return None
 
     async def _work(self) -> None:
-        schedule = self._schedule
+        """One poll after the other, each when it is due."""
+        schedule, now = self._schedule, self._now
         while True:
-            now = self._now()
-            due = schedule.take(now)
+            due = schedule.take(now())
             if due is None:
-                await asyncio.sleep(schedule.deadline - now)
+                await asyncio.sleep(schedule.deadline - now())
                 continue
-            await self._poll(due.poll)
-            self.missed += schedule.finish(due, self._now())
+            await self._poll(self._polls[due.place])
+            self.missed += schedule.finish(due, now())
 
-    async def _poll(self, poll: Poll) -> None:
+    async def _poll(self, standing: Standing) -> None:
         """Ask, unless it is known that no answer can come."""
+        poll = standing.poll
         if self._port.lost is not None:
-            self._say_all(poll, Quality.PORT_LOST, self._port.lost)
+            self._say(standing.known, Quality.PORT_LOST, self._port.lost)
             await asyncio.sleep(poll.seconds)
         elif self._health.silent_since(poll.name) is not None:
-            self._say_all(poll, Quality.NO_REPLY, self._devices[poll.name].last_error)
+            self._say(standing.known, Quality.NO_REPLY, standing.device.last_error)
             nobody = self.names <= set(self._health.silent)
             await asyncio.sleep(poll.seconds if nobody else 0.0)
         else:
-            await self.ask(poll, Priority.POLL)
+            await self.ask(standing, Priority.POLL)
 
     async def _watch_ages(self) -> None:
         while True:
             await asyncio.sleep(CHECK_AGE)
             now = self._now()
-            for (name, point), known in self._known.items():
-                late = now - known.said > STALE_AFTER * known.every + 1.0
-                if late and not known.stale:
-                    self._say(name, point, Quality.STALE)
-                    known.stale = True
+            late = [
+                known
+                for standing in self._polls
+                for known in standing.known
+                if not known.stale and now - known.said > STALE_AFTER * known.every + 1.0
+            ]
+            self._say(late, Quality.STALE)
 
-    def _say_all(self, poll: Poll, quality: Quality, error: Error | None) -> None:
-        for point in poll.group:
-            self._say(poll.name, point, quality, error=error)
-
-    def _say(
-        self,
-        name: str,
-        point: Point,
-        quality: Quality,
-        *,
-        reading: Reading | None = None,
-        error: Error | None = None,
-    ) -> None:
-        known = self._known[name, point]
-        known.said, known.stale = self._now(), False
-        if reading is not None:
-            known.reading = reading
-        if self._ended.done():
-            return  # nobody listens any more
-        try:
-            self._on_reading(Polled(name, point, quality, datetime.now(UTC), known.reading, error))
-        except Exception as raised:
-            self.end(raised)
+    def _say(self, points: Sequence[_Known], quality: Quality, error: Error | None = None) -> None:
+        now, time = self._now(), datetime.now(UTC)
+        stale = quality is Quality.STALE
+        for one in points:
+            one.said, one.stale = now, stale
+            if self._ended.done():
+                continue  # nobody listens any more
+            try:
+                self._on_reading(Polled(one.device, one.point, quality, time, one.reading, error))
+            except Exception as raised:
+                self.end(raised)
 
 
 def quality_of(error: Error) -> Quality:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
 from math import floor
+from typing import NamedTuple
 
 from multidrop.device import Device, Sizes
 from multidrop.errors import UsageError
@@ -157,8 +158,7 @@ def _by_turns(polls: Sequence[Poll]) -> list[Poll]:
     return [polls[at] for _, at in sorted(order)]
 
 
-@dataclass(frozen=True, slots=True)
-class Due:
+class Due(NamedTuple):
     """A poll whose time has come: the period `number`, counted from 0, that began at `at`."""
 
     poll: Poll

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
 from typing import Any, TypeVar
 
 from multidrop.conversation import Conversation, once
@@ -17,15 +16,12 @@ from multidrop.io.kept_port import KeptPort
 from multidrop.io.line import Timed
 from multidrop.io.turns import Priority
 from multidrop.points import Point, Reading
-from multidrop.session import Counters
 from multidrop.writing import Written
 
 ResultT = TypeVar("ResultT")
 
 WEIGHT = 1 / 8
 """Of the newest answer delay in the one that is reckoned with."""
-
-COUNTED = tuple(item.name for item in fields(Counters))
 
 
 class ServedDevice(AsyncConnection):
@@ -58,8 +54,13 @@ class ServedDevice(AsyncConnection):
     async def carry_out(
         self, conversation: Conversation[Any, ResultT], priority: Priority = Priority.OPERATOR
     ) -> Timed[ResultT]:
+        """Any conversation with the device, in its turn; what came of it is counted."""
+        self._acted = False
+        line = self.line
         try:
-            timed = await super().carry_out(conversation, priority)
+            timed = await line.timed(
+                self._watched(conversation, line), priority, self.device.address
+            )
         except NoReply as silence:
             self.last_error = silence
             if self.polled and self._health.not_heard(self.short_name, self._now()):
@@ -69,6 +70,8 @@ class ServedDevice(AsyncConnection):
             self.counters.refusals += isinstance(answer, DeviceError)
             self._health.heard(self.short_name)
             raise
+        finally:
+            self._acted = line.acted
         self._health.heard(self.short_name)
         return timed
 
@@ -89,7 +92,8 @@ class ServedDevice(AsyncConnection):
         self, conversation: Conversation[Any, ResultT], line: AsyncLine
     ) -> Conversation[Any, ResultT]:
         """The same conversation; what happens on the line from its first to its last step is this device's."""
-        before, start = replace(line.counters), self._now()
+        counted, start = line.counters, self._now()
+        before = counted.copy()
         try:
             result = yield from conversation
             if isinstance(result, Written) and isinstance(result.error, DeviceError):
@@ -99,9 +103,7 @@ class ServedDevice(AsyncConnection):
             end = self._now()
             self.counters.busy += end - start
             self._load.add(start, end)
-            for name in COUNTED:
-                more = getattr(line.counters, name) - getattr(before, name)
-                setattr(self.counters, name, getattr(self.counters, name) + more)
+            self.counters.count_since(before, counted)
 
 
 def _patient(

@@ -63,6 +63,11 @@ class Waiting(Generic[WaiterT]):
             del self._queues[priority][device]
         self._count -= 1
 
+    @property
+    def only_background(self) -> bool:
+        """Whether nobody of those who wait goes before a poll."""
+        return not any(self._queues[: Priority.BACKGROUND])
+
     def pop(self) -> WaiterT | None:
         """Whose turn it is now; None if nobody waits."""
         if not self._count:
@@ -109,8 +114,8 @@ class Turns:
         return len(self._waiting)
 
     def take(self) -> bool:
-        """Take the turn if it is free."""
-        if self.taken:
+        """Take the turn if it is free and nobody waits."""
+        if self.taken or len(self._waiting):
             return False
         self.taken = True
         return True
@@ -119,20 +124,33 @@ class Turns:
         """Wait until the turn is the caller's. Who is cancelled leaves no trace."""
         turn = asyncio.get_running_loop().create_future()
         self._waiting.add(turn, priority, device)
+        self._give()
         try:
             await turn
         except asyncio.CancelledError:
             if turn.cancelled():
-                with contextlib.suppress(ValueError):  # `release` met it first
+                with contextlib.suppress(ValueError):  # `_give` met it first
                     self._waiting.remove(turn, priority, device)
             else:  # it had just been given the turn
                 self.release()
             raise
 
     def release(self) -> None:
-        """The turn is over: the next one has it."""
-        while (turn := self._waiting.pop()) is not None:
-            if not turn.cancelled():
-                turn.set_result(None)
-                return
+        """The turn is over: the next one has it.
+
+        The background has it only when the loop comes round: until then the caller may
+        ask for the next poll, which goes first although it did not wait.
+        """
         self.taken = False
+        if self._waiting.only_background:
+            if len(self._waiting):
+                asyncio.get_running_loop().call_soon(self._give)
+        else:
+            self._give()
+
+    def _give(self) -> None:
+        """Give a turn that is free to the first of those who wait."""
+        while not self.taken and (turn := self._waiting.pop()) is not None:
+            if not turn.cancelled():
+                self.taken = True
+                turn.set_result(None)

@@ -211,6 +211,43 @@ def test_a_turn_that_is_over_as_its_next_owner_is_cancelled() -> None:
     in_virtual_time(main)
 
 
+def test_a_poll_that_follows_at_once_goes_before_the_background() -> None:
+    """Also one that did not wait yet when the turn was over; then the background has its turn."""
+
+    async def main() -> None:
+        turns, done = Turns(), list[str]()
+        assert turns.take()
+        scan = asyncio.ensure_future(one_turn(turns, "scan", done, BACKGROUND))
+        await asyncio.sleep(0)
+        for number in range(PASSED_OVER):
+            turns.release()
+            assert not turns.take()
+            await turns.wait(POLL, number)
+            assert done == []
+        turns.release()
+        await turns.wait(POLL, None)
+        assert done == ["scan"]
+        turns.release()
+        await scan
+        assert not turns.taken
+
+    in_virtual_time(main)
+
+
+def test_the_background_has_a_turn_that_nobody_else_takes() -> None:
+    async def main() -> None:
+        turns, done = Turns(), list[str]()
+        assert turns.take()
+        scan = asyncio.ensure_future(one_turn(turns, "scan", done, BACKGROUND))
+        await asyncio.sleep(0)
+        turns.release()
+        await asyncio.sleep(0.001)
+        assert done == ["scan"]
+        await scan
+
+    in_virtual_time(main)
+
+
 TASKS = st.lists(
     st.tuples(
         st.integers(0, 20),  # when it comes
