@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property, partial
 from typing import Any
 
-from hypothesis import strategies as st
+from choices import Choices, decoded
 from hypothesis.strategies import SearchStrategy
 
 from multidrop.catalog import load_profile
@@ -28,14 +28,22 @@ class Row:
     """A protocol as the properties need it."""
 
     name: str
-    frames: SearchStrategy[Any]  # every frame that can be said
+    frame: Callable[[Choices], Any]  # every frame that can be said
     decode: Callable[[bytes], Any]  # the frame of exactly these bytes
     line: LineSettings  # with its decoder
     telling: bytes  # bytes that mean something to a receiver: starts, lengths, ends
     harmless: bytes  # bytes that begin no frame
-    slaves: SearchStrategy[Any]  # with receive_data, silence and answer
-    replies: SearchStrategy[Any]  # what a device may say
-    conversations: SearchStrategy[Converse]  # addressed to 0..3
+    slave: Callable[[Choices], Any]  # with receive_data, silence and answer
+    reply: Callable[[Choices], Any]  # what a device may say
+    conversation: Callable[[Choices], Converse]  # addressed to 0..3
+
+    @cached_property
+    def frames(self) -> SearchStrategy[Any]:
+        return decoded(self.frame)
+
+    @cached_property
+    def streams(self) -> SearchStrategy[bytes]:
+        return decoded(partial(stream, self), STREAM)
 
     def decoder(self) -> Decoder[Any]:
         return self.line.decoder()
@@ -46,35 +54,35 @@ class Row:
 
 # -- SLINK3 --------------------------------------------------------------------------------
 
-BYTE = st.integers(0, 0xFF)
-WORD = st.integers(0, 0xFFFF)
+_CODES = [*map(int, slink3.Command), *map(int, slink3.Response)]
+_RESPONSES = [code for code in _CODES if code <= 0xFF]
+_DIALECTS = [slink3.FLEXMAX, slink3.AX_V, slink3.DGFC386, slink3.SLINK3]
+_FOUND = [b"", bytes.fromhex("03 2C 20 D2 04"), b"\x37\x02"]
 
-_CODES = st.sampled_from([*slink3.Command, *slink3.Response]).map(int)
 
-_FRAMES = st.builds(
-    slink3.Frame,
-    address=st.integers(0, 3) | BYTE,
-    control=st.integers(0, 15).map(lambda number: number << 2) | BYTE,
-    order=st.sampled_from([0, 1, 4, 5, 16, 17]) | BYTE,
-    code=_CODES | WORD,
-    data=st.binary(max_size=12) | st.binary(max_size=247),
-)
+def _frame(choices: Choices) -> slink3.Frame:
+    return slink3.Frame(
+        address=choices.to(3) if choices.flag() else choices.byte(),
+        control=choices.to(15) << 2 if choices.flag() else choices.byte(),
+        order=choices.of((0, 1, 4, 5, 16, 17)) if choices.flag() else choices.byte(),
+        code=choices.of(_CODES) if choices.flag() else choices.word(),
+        data=choices.data(247),
+    )
 
-_SLAVES = st.builds(
-    slink3.Slave,
-    address=st.integers(0, 3),
-    dialect=st.sampled_from([slink3.FLEXMAX, slink3.AX_V, slink3.DGFC386, slink3.SLINK3]),
-    option=st.booleans(),
-    answer_damage=st.booleans(),
-)
 
-_REPLIES = st.builds(
-    Reply,
-    response=st.just(0) | _CODES.filter(lambda code: code <= 0xFF) | WORD,
-    data=st.sampled_from([b"", bytes.fromhex("03 2C 20 D2 04"), b"\x37\x02"])
-    | st.binary(max_size=12)
-    | st.binary(max_size=247),
-)
+def _slave(choices: Choices) -> slink3.Slave:
+    return slink3.Slave(
+        choices.to(3),
+        choices.of(_DIALECTS),
+        option=choices.flag(),
+        answer_damage=choices.flag(),
+    )
+
+
+def _reply(choices: Choices) -> Reply:
+    response = choices.of((lambda: 0, lambda: choices.of(_RESPONSES), choices.word))()
+    return Reply(response, choices.of(_FOUND) if choices.flag() else choices.data(247))
+
 
 _DEVICE_CALLS: list[Callable[[Any], Conversation[Any, Any]]] = [
     lambda device: device.read(device.point("8236:int16")),
@@ -99,38 +107,30 @@ profile_of = cache(load_profile)
 """A profile that is read once for all cases."""
 
 
-def _device_call(address: int, profile: str, call: int) -> Converse:
+def _conversation(choices: Choices) -> Converse:
     protocol = PROTOCOLS["slink3"]
-    return lambda: _DEVICE_CALLS[call](protocol.device(address, profile_of(profile), {}))
+    if choices.to(3) == 3:
+        profile = profile_of(choices.of(("slink3", "flexmax", "ax-v")))
+        addresses = choices.times(2, lambda choices: choices.to(3))
+        return protocol.prepare_broadcast(
+            profile, [("8236:int16", "7")], addresses, {}, keep_going=choices.flag()
+        )
+    profile = profile_of(choices.of(("slink3", "flexmax")))
+    address, call = choices.to(3), choices.of(_DEVICE_CALLS)
+    return lambda: call(protocol.device(address, profile, {}))
 
-
-def _broadcast(profile: str, addresses: list[int], keep_going: bool) -> Converse:
-    return PROTOCOLS["slink3"].prepare_broadcast(
-        profile_of(profile), [("8236:int16", "7")], addresses, {}, keep_going=keep_going
-    )
-
-
-_PROFILES = st.sampled_from(["slink3", "flexmax"])
-_CONVERSATIONS = st.builds(
-    _device_call, st.integers(0, 3), _PROFILES, st.integers(0, len(_DEVICE_CALLS) - 1)
-) | st.builds(
-    _broadcast,
-    _PROFILES | st.just("ax-v"),
-    st.lists(st.integers(0, 3), max_size=2),
-    st.booleans(),
-)
 
 ROWS = [
     Row(
         name="slink3",
-        frames=_FRAMES,
+        frame=_frame,
         decode=slink3.Frame.decode,
         line=slink3.LINE,
         telling=b"\x01\x00\x08\x0b\xff",
         harmless=bytes([0x00, *range(0x02, 0x100)]),
-        slaves=_SLAVES,
-        replies=_REPLIES,
-        conversations=_CONVERSATIONS,
+        slave=_slave,
+        reply=_reply,
+        conversation=_conversation,
     ),
 ]
 
@@ -138,45 +138,39 @@ ROWS = [
 # -- streams, for every protocol --------------------------------------------------------------
 
 
-def damaged(raw: SearchStrategy[bytes]) -> SearchStrategy[bytes]:
-    """Bytes with one changed, one lost, or the end cut off."""
-
-    def change(raw: bytes, at: int, by: int) -> bytes:
-        at %= len(raw)
-        return raw[:at] + bytes([raw[at] ^ by]) + raw[at + 1 :]
-
-    def lose(raw: bytes, at: int) -> bytes:
-        at %= len(raw)
-        return raw[:at] + raw[at + 1 :]
-
-    def cut(raw: bytes, at: int) -> bytes:
-        return raw[: at % len(raw)]
-
-    where = st.integers(0, 300)
-    return (
-        st.builds(change, raw, where, st.integers(1, 0xFF))
-        | st.builds(lose, raw, where)
-        | st.builds(cut, raw, where)
-    )
+STREAM = 256
+"""Bytes of choices for a stream, six frames with what may befall them, and how it is cut."""
 
 
-@cache
-def noise(row: Row) -> SearchStrategy[bytes]:
+def damaged(choices: Choices, raw: bytes) -> bytes:
+    """These bytes with one changed, one lost, or the end cut off."""
+    kind, at = choices.to(2), choices.to(300) % len(raw)
+    if kind == 0:
+        return raw[:at] + bytes([raw[at] ^ 1 + choices.to(0xFE)]) + raw[at + 1 :]
+    return raw[:at] + (raw[at + 1 :] if kind == 1 else b"")
+
+
+def noise(choices: Choices, telling: bytes) -> bytes:
     """Anything, and what may be taken for the beginning of a frame."""
-    telling = st.lists(st.sampled_from(row.telling), max_size=8).map(bytes)
-    long = st.binary(min_size=1, max_size=3).map(lambda piece: piece * 400)
-    return st.binary(max_size=12) | telling | long
+    kind = choices.to(2)
+    if kind == 0:
+        return choices.data(12)
+    if kind == 1:
+        return bytes(choices.times(8, lambda choices: choices.of(telling)))
+    return bytes(choices.byte() for _ in range(1 + choices.to(2))) * 400
 
 
-@cache
-def streams(row: Row) -> SearchStrategy[bytes]:
-    """What a line may carry: frames, damaged frames and noise.
+def stream(row: Row, choices: Choices) -> bytes:
+    """What a line may carry: frames, damaged frames and noise."""
 
-    Made once, as all strategies that are drawn from within a test should be: making
-    one anew for each draw takes longer than the draw.
-    """
-    raw = row.frames.map(lambda frame: bytes(frame.encode()))
-    return st.lists(raw | damaged(raw) | noise(row), max_size=6).map(b"".join)
+    def piece(choices: Choices) -> bytes:
+        kind = choices.to(2)
+        if kind == 2:
+            return noise(choices, row.telling)
+        raw = bytes(row.frame(choices).encode())
+        return damaged(choices, raw) if kind else raw
+
+    return b"".join(choices.times(6, piece))
 
 
 def cut(stream: bytes, sizes: list[int]) -> list[bytes]:
@@ -191,4 +185,9 @@ def cut(stream: bytes, sizes: list[int]) -> list[bytes]:
     return pieces
 
 
-SIZES = st.lists(st.integers(1, 40), max_size=8)
+def sizes(choices: Choices) -> list[int]:
+    """Of pieces, 1..40 bytes each; none: all in one."""
+    return choices.times(8, lambda choices: 1 + choices.to(39))
+
+
+SIZES = decoded(sizes, 16)

@@ -46,6 +46,11 @@ class Ask(Generic[FrameT]):
     frame: FrameT
     repeatable: bool = False  # reads say True; asking twice may act twice
     attempts: int | None = None  # of what is repeatable, at most; None: as the line is set
+    rests: bool = False
+    """Before another attempt, until a late answer to the one before can no longer pass for its own.
+
+    For what is repeatable and no read: an echo must vouch for the attempt that it answers.
+    """
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,11 +155,13 @@ class Exchange(Generic[FrameT, ResultT]):
             numbers = self._numbers = session.numbers(step.frame)
             if numbers.resting:
                 ready = max(ready, numbers.free_at(now))
-            if session.unanswered.known:
+            if session.unanswered.known and (step.rests or not self._attempt):
                 ready = max(ready, session.unanswered.clear_from(step.frame, now))
         if now < ready:
             if ready == rested and now > self._not_after:
                 return self._fail("the line never fell silent", now)
+            if ready > rested:
+                self._not_after = ready + session.timing.answer
             self.deadline = ready
             return b""
         return self._ask(step, now) if isinstance(step, Ask) else self._tell(step, now)
@@ -177,7 +179,9 @@ class Exchange(Generic[FrameT, ResultT]):
         self._echo_due = session.echo is not False or type(step) is Learn
         raw = self._sent.encode()
         session.counters.requests += 1
-        self.acted = self.acted or not step.repeatable
+        if not step.repeatable:
+            self.acted = True
+            session.unanswered.acted(step.frame.address)
         self.asked_at = now
         session.sent_until = now + len(raw) * session.timing.character
         self._limits_from(session.sent_until)
@@ -196,6 +200,7 @@ class Exchange(Generic[FrameT, ResultT]):
         session.counters.requests += 1
         session.last_sent = step.frame
         self.acted = True
+        session.unanswered.acted(None)  # it may be a broadcast
         self.asked_at = now
         session.sent_until = now + len(raw) * session.timing.character
         session.quiet_from = session.sent_until + session.timing.gap
@@ -308,7 +313,9 @@ class Exchange(Generic[FrameT, ResultT]):
             self._numbers.resting[self._numbers.last] = now + LATE
         else:
             assert self._sent is not None
-            self._session.unanswered.give_up(self._sent, now)
+            assert isinstance(self._step, Ask)
+            as_good = self._step.repeatable and not (self._step.rests or self.acted)
+            self._session.unanswered.give_up(self._sent, now, as_good=as_good)
 
     def _fail(self, because: str, now: float) -> bytes:
         failure = NoReply(self._attempt, self._damaged, self._heard, because=because)

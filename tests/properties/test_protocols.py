@@ -5,14 +5,12 @@ from __future__ import annotations
 import copy
 import re
 from contextlib import suppress
-from functools import cache
 from typing import Any
 
 import pytest
+from choices import Choices, choices
 from hypothesis import assume, given
-from hypothesis import strategies as st
-from hypothesis.strategies import DataObject
-from strategies import ROWS, SIZES, Row, cut, streams
+from strategies import ROWS, STREAM, Row, cut, sizes, stream
 
 from multidrop import errors
 from multidrop.events import FrameReceived
@@ -29,100 +27,94 @@ def events_of(row: Row, pieces: list[bytes]) -> list[Any]:
 
 
 @every_protocol
-@given(data=st.data())
-def test_decode_undoes_encode(row: Row, data: DataObject) -> None:
-    frame = data.draw(row.frames)
+@given(choices=choices(64))
+def test_decode_undoes_encode(row: Row, choices: Choices) -> None:
+    frame = row.frame(choices)
     assert row.decode(frame.encode()) == frame
 
 
 @every_protocol
-@given(data=st.data(), sizes=SIZES)
-def test_chunking_changes_no_event(row: Row, data: DataObject, sizes: list[int]) -> None:
-    stream = data.draw(streams(row))
-    assert events_of(row, cut(stream, sizes)) == events_of(row, [stream])
+@given(choices=choices(STREAM))
+def test_chunking_changes_no_event(row: Row, choices: Choices) -> None:
+    pieces = cut(raw := stream(row, choices), sizes(choices))
+    assert events_of(row, pieces) == events_of(row, [raw])
 
 
 @every_protocol
-@given(data=st.data(), sizes=SIZES)
-def test_every_byte_comes_out_once(row: Row, data: DataObject, sizes: list[int]) -> None:
-    stream = data.draw(streams(row))
-    assert b"".join(event.raw for event in events_of(row, cut(stream, sizes))) == stream
+@given(choices=choices(STREAM))
+def test_every_byte_comes_out_once(row: Row, choices: Choices) -> None:
+    pieces = cut(raw := stream(row, choices), sizes(choices))
+    assert b"".join(event.raw for event in events_of(row, pieces)) == raw
 
 
 @every_protocol
-@given(data=st.data())
-def test_after_silence_the_next_frame_is_found(row: Row, data: DataObject) -> None:
-    decoder = row.decoder()
-    decoder.receive_data(data.draw(streams(row)))
+@given(choices=choices(STREAM))
+def test_after_silence_the_next_frame_is_found(row: Row, choices: Choices) -> None:
+    frame, decoder = row.frame(choices), row.decoder()
+    decoder.receive_data(stream(row, choices))
     decoder.silence()
     assert not decoder.pending
-    frame = data.draw(row.frames)
     raw = frame.encode()
     assert [*decoder.receive_data(raw), *decoder.silence()] == [FrameReceived(frame, raw)]
 
 
 @every_protocol
-@given(data=st.data())
-def test_never_is_more_awaited_than_a_frame_still_lacks(row: Row, data: DataObject) -> None:
+@given(choices=choices(128))
+def test_never_is_more_awaited_than_a_frame_still_lacks(row: Row, choices: Choices) -> None:
     decoder = row.decoder()
-    raw = data.draw(row.frames).encode()
+    raw = row.frame(choices).encode()
     assume(len(raw) >= decoder.missing)  # an Acknowledge is shorter, and no answer
-    decoder.receive_data(data.draw(harmless(row)[0]))
+    decoder.receive_data(bytes(choices.times(5, lambda choices: choices.of(row.harmless))))
     for at in range(len(raw)):
         assert 1 <= decoder.missing <= len(raw) - at
         decoder.receive_data(raw[at : at + 1])
 
 
 @every_protocol
-@given(data=st.data())
-def test_bytes_that_begin_no_frame_cost_no_frame(row: Row, data: DataObject) -> None:
-    noise, some_frames = harmless(row)
-    frames = data.draw(some_frames)
-    stream = b"".join(data.draw(noise) + frame.encode() for frame in frames) + data.draw(noise)
+@given(choices=choices(128))
+def test_bytes_that_begin_no_frame_cost_no_frame(row: Row, choices: Choices) -> None:
+    def noise(choices: Choices) -> bytes:
+        return bytes(choices.times(5, lambda choices: choices.of(row.harmless)))
+
+    pairs = choices.times(4, lambda choices: (noise(choices), row.frame(choices)))
+    stream = b"".join(before + frame.encode() for before, frame in pairs) + noise(choices)
     found = [event.frame for event in events_of(row, [stream]) if type(event) is FrameReceived]
-    assert found == frames
-
-
-@cache
-def harmless(row: Row) -> tuple[st.SearchStrategy[bytes], st.SearchStrategy[list[Any]]]:
-    noise = st.lists(st.sampled_from(row.harmless), max_size=5).map(bytes)
-    return noise, st.lists(row.frames, max_size=4)
+    assert found == [frame for _, frame in pairs]
 
 
 @every_protocol
-@given(data=st.data(), sizes=SIZES)
-def test_no_input_raises_in_a_slave(row: Row, data: DataObject, sizes: list[int]) -> None:
-    slave = data.draw(row.slaves)
-    decoder = row.decoder()
-    for piece in [*cut(data.draw(streams(row)), sizes), b""]:
+@given(choices=choices(512))
+def test_no_input_raises_in_a_slave(row: Row, choices: Choices) -> None:
+    slave, decoder = row.slave(choices), row.decoder()
+    for piece in [*cut(stream(row, choices), sizes(choices)), b""]:
         for request in slave.receive_data(piece) if piece else slave.silence():
-            reply = request.settled or data.draw(row.replies)
+            reply = request.settled or row.reply(choices)
             answer = slave.answer(request, reply)
             events = [*decoder.receive_data(answer), *decoder.silence()]
             assert [type(event) for event in events] == [FrameReceived] * bool(answer)
 
 
 @every_protocol
-@given(data=st.data())
-def test_no_input_raises_in_a_master(row: Row, data: DataObject) -> None:
+@given(choices=choices(512))
+def test_no_input_raises_in_a_master(row: Row, choices: Choices) -> None:
     """A line that answers well, badly, late or not at all; the one after it is served as ever."""
     now = 10.0
-    session = new_session(row, data.draw(ECHO))
-    slave, reply = data.draw(row.slaves), data.draw(row.replies)
-    exchange = Exchange(data.draw(row.conversations)(), session)
+    session = new_session(row, choices.of((None, False, True)))
+    slave, reply = row.slave(choices), row.reply(choices)
+    last = row.conversation(choices)
+    exchange = Exchange(row.conversation(choices)(), session)
     sent = exchange.start(now)
-    for _ in range(data.draw(STEPS)):
+    for _ in range(choices.to(8)):
         if exchange.done:
             break
-        heard = _heard(data, row, answers(slave, sent, reply), sent)
-        now += data.draw(PAUSE)
-        sent = exchange.advance(heard, now, damaged=data.draw(DAMAGED) and bool(heard))
+        heard = _heard(row, choices, answers(slave, sent, reply), sent)
+        now += choices.word() / (1 << 16) * (2.0 if choices.flag() else 0.05)
+        sent = exchange.advance(heard, now, damaged=bool(heard) and choices.to(3) == 3)
     now = let_end(exchange, now)
     with suppress(errors.Error):
         exchange.result()
-    converse = data.draw(row.conversations)
-    assert served(session, converse(), slave, reply, now + 2) == served(
-        new_session(row, session.echo), converse(), slave, reply, now + 2
+    assert served(session, last(), slave, reply, now + 2) == served(
+        new_session(row, session.echo), last(), slave, reply, now + 2
     )
 
 
@@ -167,22 +159,16 @@ def served(
     return type(found), re.sub(r"\b([0-9A-F]{2} )*[0-9A-F]{2}\b", "", repr(found) + str(found))
 
 
-def _heard(data: DataObject, row: Row, answer: bytes, sent: bytes) -> bytes:
+def _heard(row: Row, choices: Choices, answer: bytes, sent: bytes) -> bytes:
     """Bytes after a request: a slave's answer, as it is or with something wrong, or anything."""
-    what = data.draw(HEARD)
+    what = choices.of(HEARD)
     if what == "noise":
-        return data.draw(streams(row))
+        return stream(row, choices)
     if what == "behind noise":
-        return data.draw(streams(row)) + answer
+        return stream(row, choices) + answer
     if what == "echo":
         return sent + answer
     return {"nothing": b"", "answer": answer, "half": answer[: len(answer) // 2]}[what]
 
 
-ECHO = st.none() | st.booleans()
-STEPS = st.integers(0, 8)
-PAUSE = st.floats(0, 0.05) | st.floats(0, 2)
-DAMAGED = st.booleans()
-HEARD = st.sampled_from(
-    ["answer", "nothing", "echo", "half", "noise", "noise", "noise", "behind noise", "behind noise"]
-)
+HEARD = ("answer", "nothing", "echo", "half", "noise", "noise", "behind noise", "behind noise")

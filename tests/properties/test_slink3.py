@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from choices import Choices, choices
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
@@ -148,15 +149,15 @@ class BadLine:
     Nothing that it does deceives an 8-bit checksum: that is another property, which no code has.
     """
 
-    def __init__(self, value: int, data: DataObject) -> None:
+    def __init__(self, value: int, choices: Choices) -> None:
         self.slave = Slave(1, slink3.FLEXMAX)
         self.value = value.to_bytes(2, "little", signed=True)
         self.written = 0
-        self._data = data
+        self._choices = choices
         self._coming: list[tuple[float, bytes]] = []
 
     def receive(self, sent: bytes, now: float) -> None:
-        fate = self._data.draw(FATE)
+        fate = self._choices.of(FATES)
         if fate == "request lost":
             return
         for request in self.slave.receive_data(sent):
@@ -173,14 +174,14 @@ class BadLine:
         if fate == "answer lost":
             return []
         if fate == "late":  # a sequence number that was given up on rests so long
-            return [(at + self._data.draw(LATE_BY), answer)]
+            return [(at + 1.4 + self._choices.word() / 0xFFFF * 1.5, answer)]
         if fate == "twice":
-            return [(at, answer), (at + self._data.draw(AGAIN_AFTER), answer)]
+            return [(at, answer), (at + self._choices.word() / 0xFFFF, answer)]
         if fate == "cut":  # what came right behind it could make a frame of it, one time in 256
             self._coming = [item for item in self._coming if abs(item[0] - at) > 0.1]
-            return [(at, answer[: self._data.draw(CUT_AT)])]
+            return [(at, answer[: 1 + self._choices.to(6)])]
         if fate == "noise":
-            return [(at, bytes(self._data.draw(NOISE)) + answer)]
+            return [(at, bytes(self._choices.times(6, no_start)) + answer)]
         return [(at, answer)]
 
     @property
@@ -193,13 +194,12 @@ class BadLine:
         return b"".join(raw for _, raw in arrived)
 
 
-NO_START = st.integers(0, 0xFF).filter(lambda byte: byte != 0x01)
-NOISE = st.lists(NO_START, max_size=6)
-FATE = st.sampled_from(
-    ["well", "well", "request lost", "answer lost", "late", "twice", "cut", "noise"]
-)
-LATE_BY, AGAIN_AFTER, CUT_AT = st.floats(1.4, 2.9), st.floats(0, 1), st.integers(1, 7)
-ASKED = st.lists(st.none() | st.integers(0, 3), max_size=4)
+def no_start(choices: Choices) -> int:
+    byte = choices.byte()
+    return 0xFF if byte == 0x01 else byte
+
+
+FATES = ("well", "well", "request lost", "answer lost", "late", "twice", "cut", "noise")
 
 
 def converse(
@@ -217,16 +217,17 @@ def converse(
         sent = exchange.advance(line.deliver(now), now)
 
 
-@given(st.data(), st.sampled_from([Role.SETTING, Role.COMMAND]))
-def test_what_a_master_reports_is_true(data: DataObject, role: Role) -> None:
+@given(choices(128))
+def test_what_a_master_reports_is_true(choices: Choices) -> None:
     """Confirmed is in the slave, what was read is in the slave, and nothing is written too often."""
+    role = choices.of((Role.SETTING, Role.COMMAND))
     point = PointDescription("x", "8236:int16", role)
     profile = replace(profile_of("flexmax"), points={"x": point})
     device = PROTOCOLS["slink3"].device(1, profile, {})
     session = Session(slink3.decoder(), slink3.LINE.timing(network=False), echo=False)
-    line = BadLine(7, data)
+    line = BadLine(7, choices)
     now = 10.0
-    for asked in data.draw(ASKED):
+    for asked in choices.times(4, lambda choices: choices.of((None, 0, 1, 2, 3))):
         before = line.written
         if asked is None:
             exchange, now = converse(device.read(device.point("x")), session, line, now)

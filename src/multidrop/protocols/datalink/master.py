@@ -106,7 +106,8 @@ class Master:
         Returns where the line notes how long after the echo the Acknowledge was written.
         """
         try:
-            echo = yield Ask(change, repeatable=True)  # nothing happens before the Acknowledge
+            # nothing happens before the Acknowledge, and its own echo alone says what was heard
+            echo = yield Ask(change, repeatable=True, rests=True)
         except NoReply as failure:
             raise NoReply(
                 failure.attempts,

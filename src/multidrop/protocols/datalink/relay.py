@@ -37,7 +37,8 @@ class DatalinkRelay:
         if frame.command is not Command.ACKNOWLEDGE:
             if held is not None and held.address != frame.address:
                 yield from self.let_go(held)
-            return (yield Ask(frame, repeatable=True))  # nothing happens before the Acknowledge
+            # nothing happens before the Acknowledge
+            return (yield Ask(frame, repeatable=True, rests=frame.command in _CHANGES))
         assert held is not None
         try:
             yield Tell(frame, within=ACKNOWLEDGE_WITHIN)

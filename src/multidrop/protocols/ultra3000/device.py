@@ -70,8 +70,7 @@ class Ultra3000Device(OneByOne):
 
     def sample(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """Read a point, also one that the profile calls write-only: the drive decides."""
-        data = yield from self.master.read(point.parameter, point.element, point.view.read)
-        return point.sample(data)
+        return self.master.read_as(point.sample, point.parameter, point.element, point.view.read)
 
     # -- writing ---------------------------------------------------------------------------
 
@@ -200,8 +199,10 @@ class Ultra3000Device(OneByOne):
         if function in (Function.READ_INDEX_MINIMUM, Function.READ_INDEX_MAXIMUM):
             data = yield from self.master.read(point.parameter, None, function)
             return str(int(data, 16))
-        data = yield from self.master.read(point.parameter, point.element, function)
-        return shown_value(point.physical(point.sample(data).value))
+        found = yield from self.master.read_as(
+            point.sample, point.parameter, point.element, function
+        )
+        return shown_value(point.physical(found.value))
 
     # -- services --------------------------------------------------------------------------
 

@@ -7,6 +7,9 @@ speak in digits; what these mean is a profile's. A refusal is raised as
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from multidrop.conversation import Ask, Conversation, Learn, Tell
 from multidrop.errors import DeviceError, NoReply, ProtocolError, UsageError
 from multidrop.protocols.ultra3000.frame import READS, Frame
@@ -19,6 +22,8 @@ from multidrop.protocols.ultra3000.messages import (
     index_digits,
     refusal_meaning,
 )
+
+ValueT = TypeVar("ValueT")
 
 
 class Master:
@@ -49,14 +54,36 @@ class Master:
         answer = yield from self._ask(question, repeatable=True)
         return answer.data
 
+    def read_as(
+        self,
+        decode: Callable[[str], ValueT],
+        parameter: int,
+        index: int | None = None,
+        function: int = Function.READ_WORKING,
+    ) -> Conversation[Frame, ValueT]:
+        """Read what `decode` makes of the digits; those that it cannot take are asked for once more.
+
+        Of damaged frames, such as halves of two answers, one in 256 has a right
+        checksum. A drive that means it says it twice: then `ProtocolError` is raised.
+        """
+        digits = yield from self.read(parameter, index, function)
+        try:
+            return decode(digits)
+        except ProtocolError:
+            return decode((yield from self.read(parameter, index, function)))
+
     def read_number(self, parameter: int, digits: int) -> Conversation[Frame, int]:
         """A working value as a whole number. Raises `ProtocolError` where it has another width."""
-        data = yield from self.read(parameter)
-        if len(data) != digits:
-            raise ProtocolError(
-                f"parameter {parameter:03X} has {digits} digits, {len(data)} came", data.encode()
-            )
-        return int(data, 16)
+
+        def number(data: str) -> int:
+            if len(data) != digits:
+                raise ProtocolError(
+                    f"parameter {parameter:03X} has {digits} digits, {len(data)} came",
+                    data.encode(),
+                )
+            return int(data, 16)
+
+        return self.read_as(number, parameter)
 
     # -- writing ---------------------------------------------------------------------------
 

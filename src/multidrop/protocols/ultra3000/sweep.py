@@ -86,8 +86,9 @@ class Ultra3000Sweep:
         sample = None
         if point.offers(Function.READ_WORKING):
             try:
-                data = yield from self._master.read(point.parameter, point.element)
-                sample = point.sample(data)
+                sample = yield from self._master.read_as(
+                    point.sample, point.parameter, point.element
+                )
             except DeviceError as refusal:
                 if refusal.code == Refusal.INVALID_FUNCTION:
                     return []

@@ -52,7 +52,7 @@ def test_the_map_identifier() -> None:
 def test_a_change_is_acknowledged_in_time_once_its_echo_is_right() -> None:
     steps, found = steps_of(MASTER.change(0x73E, DATA), response(0x73E, "4B 40 08"))
     change = Frame(Command.CHANGE, 3, 0x73E, 3, DATA)
-    assert steps == [Ask(change, repeatable=True), Tell(ACKNOWLEDGE, within=0.080)]
+    assert steps == [Ask(change, repeatable=True, rests=True), Tell(ACKNOWLEDGE, within=0.080)]
     assert found is None
 
 
@@ -61,7 +61,7 @@ def test_change_bits_selects_with_zeros_in_the_mask() -> None:
         MASTER.change_bits(0x501, [(0x40, 0xFF), (0x01, 0x00)]), response(0x501, "BF 40 FE 00")
     )
     change = Frame(Command.CHANGE_BITS, 3, 0x501, 4, bytes.fromhex("BF 40 FE 00"))
-    assert steps[0] == Ask(change, repeatable=True)
+    assert steps[0] == Ask(change, repeatable=True, rests=True)
 
 
 def test_a_wrong_echo_is_not_acknowledged_and_both_are_shown() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from choices import Choices, choices, decoded
 from datalink_wire import Instrument
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,27 +14,70 @@ from multidrop.events import Damaged, FrameReceived
 from multidrop.profile import Profile
 from multidrop.protocols.datalink import Command, Frame, Slave, UnstuffedFrame, decoder
 from multidrop.protocols.datalink.device import device
+from multidrop.protocols.datalink.frame import MOST_DATA
 from multidrop.protocols.datalink.slave import Reply
 from multidrop.writing import Outcome
 
-BYTE = st.sampled_from([0x7E, 0x00]) | st.integers(0, 0xFF)
-TELLING = st.sampled_from([0x7E, 0x00, 0x83, 0xE3, 0x23, 0xA3, 0xC3, 0x01, 0x20])
-ADDRESS = st.sampled_from([0, 3, 30, 31])
-MEMORY = st.sampled_from([0x7E7E, 0x007E, 0x7E00, 0x8002]) | st.integers(0, 0xFFFF)
-DATA = st.lists(BYTE, max_size=32).map(bytes)
-WITH_DATA = st.sampled_from([Command.CHANGE, Command.CHANGE_BITS, Command.RESPONSE])
+TELLING = (0x7E, 0x00, 0x83, 0xE3, 0x23, 0xA3, 0xC3, 0x01, 0x20)
+PLACES = (0x7E7E, 0x007E, 0x7E00, 0x8002)
 
-ACKNOWLEDGES = ADDRESS.map(lambda address: Frame(Command.ACKNOWLEDGE, address))
-INTERROGATES = st.tuples(ADDRESS, MEMORY, st.integers(0, 32)).map(
-    lambda fields: Frame(Command.INTERROGATE, *fields)
-)
-OTHERS = st.tuples(WITH_DATA, ADDRESS, MEMORY, DATA).map(
-    lambda fields: Frame(*fields[:3], len(fields[3]), fields[3])
-)
-FRAMES = ACKNOWLEDGES | INTERROGATES | OTHERS
-NOISE = st.lists(TELLING | BYTE, max_size=12).map(bytes)
-SIZES = st.lists(st.integers(1, 20), min_size=1, max_size=8)
 
+def some_data(choices: Choices) -> bytes:
+    """0..32 bytes, often 7E and 00."""
+    return bytes(choices.times(MOST_DATA, a_byte))
+
+
+def a_byte(choices: Choices) -> int:
+    return choices.of((0x7E, 0x00)) if choices.flag() else choices.byte()
+
+
+def telling(choices: Choices) -> int:
+    return choices.of(TELLING)
+
+
+def a_frame(choices: Choices) -> Frame:
+    command, address = choices.of(list(Command)), choices.of((0, 3, 30, 31))
+    if command is Command.ACKNOWLEDGE:
+        return Frame(command, address)
+    at = choices.of(PLACES) if choices.flag() else choices.word()
+    if command is Command.INTERROGATE:
+        return Frame(command, address, at, choices.to(MOST_DATA))
+    data = some_data(choices)
+    return Frame(command, address, at, len(data), data)
+
+
+def some_noise(choices: Choices) -> bytes:
+    return bytes(
+        choices.times(12, lambda choices: (telling if choices.flag() else a_byte)(choices))
+    )
+
+
+def some_sizes(choices: Choices) -> list[int]:
+    return [1 + choices.to(19), *choices.times(7, lambda choices: 1 + choices.to(19))]
+
+
+def a_stream(stuffing: bool, choices: Choices) -> bytes:
+    """Frames, frames with a changed, lost or added byte, and noise."""
+    stream = b""
+    for frame in choices.times(4, a_frame):
+        raw = bytearray(frame.encode(stuffing))
+        kind = choices.of(("whole", "changed", "lost", "added", "noise before"))
+        at = choices.to(len(raw) - 1)
+        if kind == "changed":
+            raw[at] = telling(choices)
+        elif kind == "lost":
+            del raw[at]
+        elif kind == "added":
+            raw.insert(at, telling(choices))
+        elif kind == "noise before":
+            stream += some_noise(choices)
+        stream += bytes(raw)
+    return stream
+
+
+DATA = decoded(some_data)
+FRAMES = decoded(a_frame, 80)
+NOISE = decoded(some_noise, 40)
 both_ways = pytest.mark.parametrize("stuffing", [True, False], ids=["stuffed", "unstuffed"])
 
 
@@ -50,26 +94,6 @@ def events_of(chunks: list[bytes], stuffing: bool) -> list[Any]:
     receiver = decoder(stuffing)
     events = [event for chunk in chunks for event in receiver.receive_data(chunk)]
     return events + receiver.silence()
-
-
-@st.composite
-def streams(draw: st.DrawFn, stuffing: bool) -> bytes:
-    """Frames, frames with a changed, lost or added byte, and noise."""
-    stream = b""
-    for frame in draw(st.lists(FRAMES, max_size=4)):
-        raw = bytearray(frame.encode(stuffing))
-        kind = draw(st.sampled_from(["whole", "changed", "lost", "added", "noise before"]))
-        at = draw(st.integers(0, len(raw) - 1))
-        if kind == "changed":
-            raw[at] = draw(TELLING)
-        elif kind == "lost":
-            del raw[at]
-        elif kind == "added":
-            raw.insert(at, draw(TELLING))
-        elif kind == "noise before":
-            stream += draw(NOISE)
-        stream += bytes(raw)
-    return stream
 
 
 @both_ways
@@ -90,40 +114,39 @@ def test_only_the_start_is_a_7e_without_00_behind_it(frame: Frame) -> None:
 
 
 @both_ways
-@given(frames=st.lists(FRAMES, max_size=5), sizes=SIZES)
-def test_whole_frames_come_through_every_split(
-    stuffing: bool, frames: list[Frame], sizes: list[int]
-) -> None:
+@given(choices=choices(320))
+def test_whole_frames_come_through_every_split(stuffing: bool, choices: Choices) -> None:
+    frames = choices.times(5, a_frame)
     raws = [frame.encode(stuffing) for frame in frames]
-    events = events_of(pieces(b"".join(raws), sizes), stuffing)
+    events = events_of(pieces(b"".join(raws), some_sizes(choices)), stuffing)
     assert events == [FrameReceived(*pair) for pair in zip(frames, raws, strict=True)]
 
 
 @both_ways
-@given(data=st.data(), sizes=SIZES)
-def test_chunking_changes_no_event_and_no_byte_is_lost(
-    stuffing: bool, data: st.DataObject, sizes: list[int]
-) -> None:
-    stream = data.draw(streams(stuffing) | NOISE)
-    events = events_of(pieces(stream, sizes), stuffing)
+@given(choices=choices(320))
+def test_chunking_changes_no_event_and_no_byte_is_lost(stuffing: bool, choices: Choices) -> None:
+    stream = some_noise(choices) if choices.to(3) == 3 else a_stream(stuffing, choices)
+    events = events_of(pieces(stream, some_sizes(choices)), stuffing)
     assert events == events_of([stream], stuffing)
     assert b"".join(event.raw for event in events) == stream
 
 
-@given(noise=NOISE, frame=FRAMES)
-def test_with_stuffing_no_noise_hides_the_frame_behind_it(noise: bytes, frame: Frame) -> None:
+@given(choices=choices(120))
+def test_with_stuffing_no_noise_hides_the_frame_behind_it(choices: Choices) -> None:
     """All but a 7E at its end, which the frame's own 7E makes a false start of."""
+    noise, frame = some_noise(choices), a_frame(choices)
     raw = frame.encode()
     events = decoder().receive_data(noise.rstrip(b"\x7e") + raw)
     assert FrameReceived(frame, raw) in events
 
 
 @both_ways
-@given(noise=NOISE, frame=FRAMES)
-def test_after_silence_the_next_frame_is_found(stuffing: bool, noise: bytes, frame: Frame) -> None:
+@given(choices=choices(120))
+def test_after_silence_the_next_frame_is_found(stuffing: bool, choices: Choices) -> None:
     receiver = decoder(stuffing)
-    receiver.receive_data(noise)
+    receiver.receive_data(some_noise(choices))
     receiver.silence()
+    frame = a_frame(choices)
     raw = frame.encode(stuffing)
     assert receiver.receive_data(raw) == [FrameReceived(frame, raw)]
 
@@ -144,8 +167,9 @@ def test_a_slave_never_raises_and_is_never_fooled_by_a_response(
             assert Frame.decode(answer, stuffing).command is Command.RESPONSE
 
 
-@given(frame=FRAMES, at=st.integers(0, 80), bit=st.integers(0, 7))
-def test_one_wrong_bit_never_gives_the_same_frame(frame: Frame, at: int, bit: int) -> None:
+@given(choices=choices(80))
+def test_one_wrong_bit_never_gives_the_same_frame(choices: Choices) -> None:
+    at, bit, frame = choices.byte(), choices.to(7), a_frame(choices)
     raw = bytearray(frame.encode())
     raw[at % len(raw)] ^= 1 << bit
     found = [event for event in events_of([bytes(raw)], True) if isinstance(event, FrameReceived)]

@@ -34,7 +34,7 @@ def test_a_change_holds_the_line_and_changes_nothing_yet(change: Frame) -> None:
     assert RELAY.passage(change, None) == Passage(acts=True, hold=0.080)
     echo = response(change.memory_address, change.data.hex())
     steps, answer = steps_of(RELAY.carry(change, None), echo)
-    assert steps == [Ask(change, repeatable=True)]
+    assert steps == [Ask(change, repeatable=True, rests=True)]
     assert answer == echo
 
 

@@ -81,6 +81,12 @@ def test_a_value_of_another_width_breaks_the_protocol() -> None:
         Wire({"0110": "00000200"}).run(DRIVE.read(DRIVE.point("kp")))
 
 
+def test_a_value_of_another_width_is_asked_for_once_more() -> None:
+    wire = Wire({"0110": ["00" * 34, "0200"]})
+    assert wire.run(DRIVE.read(DRIVE.point("kp"))).raw == b"0200"
+    assert wire.sent == ["0110"] * 2
+
+
 def test_what_can_only_be_written_is_not_read() -> None:
     with pytest.raises(UsageError, match=r"host_control_mode .* can only be written"):
         DRIVE.read(DRIVE.point("host_control_mode"))

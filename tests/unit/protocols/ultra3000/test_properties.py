@@ -6,10 +6,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
+from choices import Choices, decoded
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
-from strategies import SIZES, Row, cut, streams
+from strategies import SIZES, Row, cut
 
 from multidrop import errors
 from multidrop.catalog import load_profile
@@ -35,28 +36,49 @@ from multidrop.session import Session
 from multidrop.writing import Outcome
 
 PROFILE = load_profile("ultra3000")
-DIGITS = "0123456789ABCDEF"
 
-FRAMES = st.builds(
-    Frame,
-    address=st.sampled_from([0, 1, 253, 255]) | st.integers(0, 255),
-    parameter=st.sampled_from([0x000, 0x011, 0x05B, 0x06F, 0x073, 0x873]) | st.integers(0, 0xFFF),
-    function=st.integers(0, 15),
-    data=st.text(DIGITS, max_size=8) | st.text(DIGITS, max_size=245),
-)
-SLAVES = st.builds(Slave, address=st.integers(0, 1), profile=st.sampled_from([PROFILE, None]))
-REPLIES = st.builds(Reply, refusal=st.integers(0, 0xFF), data=st.text(DIGITS, max_size=8))
+DIGITS = "0123456789ABCDEF"
+PARAMETERS = (0x000, 0x011, 0x05B, 0x06F, 0x073, 0x873)
+
+
+def a_frame(choices: Choices) -> Frame:
+    return Frame(
+        address=choices.of((0, 1, 253, 255)) if choices.flag() else choices.byte(),
+        parameter=choices.of(PARAMETERS) if choices.flag() else choices.to(0xFFF),
+        function=choices.to(15),
+        data=some_digits(choices, 245),
+    )
+
+
+def some_digits(choices: Choices, most: int) -> str:
+    digits = choices.data(most // 2).hex().upper()
+    return digits + choices.of(DIGITS) if choices.flag() and len(digits) < most else digits
+
+
+def a_slave(choices: Choices) -> Slave:
+    return Slave(choices.to(1), profile=choices.of((PROFILE, None)))
+
+
+def a_reply(choices: Choices) -> Reply:
+    return Reply(refusal=choices.byte(), data=some_digits(choices, 8))
+
+
+def no_conversation(choices: Choices) -> Any:
+    raise AssertionError("the master has properties of its own")
+
+
 ROW = Row(
     name="ultra3000",
-    frames=FRAMES,
+    frame=a_frame,
     decode=Frame.decode,
     line=ultra3000.LINE,
     telling=b":\r\n0123456789ABCDEFabc",
     harmless=bytes(byte for byte in range(0x100) if byte not in b":\n"),
-    slaves=SLAVES,
-    replies=REPLIES,
-    conversations=st.nothing(),
+    slave=a_slave,
+    reply=a_reply,
+    conversation=no_conversation,
 )
+FRAMES, STREAMS = ROW.frames, ROW.streams
 
 
 def events_of(pieces: list[bytes]) -> list[FrameReceived[Frame] | Damaged]:
@@ -73,12 +95,12 @@ def test_decode_undoes_encode(frame: Frame) -> None:
     assert Frame.decode(frame.encode()) == frame
 
 
-@given(streams(ROW), SIZES)
+@given(STREAMS, SIZES)
 def test_chunking_changes_no_event(stream: bytes, sizes: list[int]) -> None:
     assert events_of(cut(stream, sizes)) == events_of([stream])
 
 
-@given(streams(ROW), SIZES)
+@given(STREAMS, SIZES)
 def test_every_byte_comes_out_once_but_a_last_line_feed(stream: bytes, sizes: list[int]) -> None:
     events = events_of(cut(stream, sizes))
     found = b"".join(event.raw for event in events)
@@ -87,7 +109,7 @@ def test_every_byte_comes_out_once_but_a_last_line_feed(stream: bytes, sizes: li
         assert isinstance(events[-1], FrameReceived)
 
 
-@given(streams(ROW), FRAMES)
+@given(STREAMS, FRAMES)
 def test_after_silence_the_next_frame_is_found(stream: bytes, frame: Frame) -> None:
     decoder = ultra3000.decoder()
     decoder.receive_data(stream)
@@ -115,7 +137,7 @@ def test_one_wrong_bit_is_seen(frame: Frame, at: int, bit: int) -> None:
 # -- no input raises ---------------------------------------------------------------------------
 
 
-@given(SLAVES, streams(ROW), SIZES, REPLIES)
+@given(decoded(a_slave), STREAMS, SIZES, decoded(a_reply))
 def test_no_input_raises_in_a_slave(
     slave: Slave, stream: bytes, sizes: list[int], reply: Reply
 ) -> None:

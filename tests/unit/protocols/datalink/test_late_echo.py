@@ -1,0 +1,71 @@
+"""An echo says what one Change was heard as: it vouches for no other attempt.
+
+The instrument here mishears a Change with a right LRC, as two flipped bits make
+it. Only the comparison of the echo protects its memory then.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from multidrop.events import FrameReceived
+from multidrop.exchange import Exchange
+from multidrop.protocols.datalink import LINE, Command, Frame, Master, Slave
+from multidrop.session import Session
+
+AT, WANTED, MISHEARD = 0x73E, bytes.fromhex("4B 40 08"), bytes.fromhex("0A 40 08")
+NOW = 10.0
+LATE = 0.15
+"""s from a Change to its echo, or to the second one: later than a master waits for it."""
+
+
+class Line:
+    """An instrument whose echoes come when the test says, and what it was told to carry out."""
+
+    def __init__(self) -> None:
+        self.session: Session[Frame] = Session(LINE.decoder(), LINE.timing(network=False))
+        self.slave = Slave(3)
+        self.echoes: list[bytes] = []  # of each Change, unless the test takes them
+        self.acknowledged: list[bytes] = []
+        self.mishears: set[int] = set()  # which Change it mishears: 0 is the first
+
+    def hear(self, raw: bytes) -> None:
+        event = FrameReceived(Frame.decode(raw), raw)
+        if event.frame.command is Command.CHANGE and len(self.echoes) in self.mishears:
+            event = FrameReceived(event.frame._replace(data=MISHEARD), raw)
+        for request in self.slave.receive_events([event]):
+            if request.acknowledged:
+                self.acknowledged.append(request.frame.data)
+            else:
+                assert request.settled is not None
+                self.echoes.append(self.slave.answer(request, request.settled))
+
+
+def begun(line: Line) -> Exchange[Frame, Any]:
+    """A Change that went out."""
+    exchange = Exchange(Master(3).change(AT, WANTED), line.session)
+    line.hear(exchange.start(NOW))
+    return exchange
+
+
+def until(line: Line, exchange: Exchange[Frame, Any], end: float) -> None:
+    """Time passes in which nothing comes."""
+    while not exchange.done and exchange.deadline < end:
+        sent = exchange.advance(b"", exchange.deadline)
+        if sent:
+            line.hear(sent)
+
+
+def comes(line: Line, exchange: Exchange[Frame, Any], echo: bytes, at: float) -> None:
+    until(line, exchange, at)
+    sent = exchange.advance(echo, at)
+    if sent:
+        line.hear(sent)
+
+
+def test_a_late_echo_does_not_vouch_for_the_second_attempt() -> None:
+    line = Line()
+    line.mishears = {1}
+    exchange = begun(line)
+    comes(line, exchange, line.echoes[0], NOW + LATE)
+    assert line.acknowledged == []
