@@ -200,7 +200,10 @@ def _read_body(kind: type[Frame], body: bytes) -> tuple[Frame, int] | str | None
 
 
 def missing(buffer: bytes, at: int) -> int:
-    """At least so many bytes the Response that begins at `buffer[at]` still lacks, as far as its NUM has come."""
+    """At least so many bytes the frame that begins at `buffer[at]` still lacks, as far as its NUM has come.
+
+    An Acknowledge is shorter, and nothing that a host waits for.
+    """
     return _missing(buffer[at : at + 1] + buffer[at + 1 :].replace(_STUFFED, _LITERAL))
 
 
@@ -210,8 +213,10 @@ def missing_unstuffed(buffer: bytes, at: int) -> int:
 
 
 def _missing(frame: bytes) -> int:
-    count = frame[2] if len(frame) > 2 else 0
-    return max(1, OVERHEAD + count - len(frame))  # a stuffed one lacks what may be inserted
+    size = OVERHEAD
+    if len(frame) > 2 and frame[1] & _COMMAND_BITS != _INTERROGATE:
+        size += frame[2]
+    return max(1, size - len(frame))  # all but an inserted byte may be there
 
 
 def read_frames(buffer: bytes) -> tuple[list[FrameReceived[Frame] | Damaged], bytes]:

@@ -131,6 +131,15 @@ def test_chunking_changes_no_event_and_no_byte_is_lost(stuffing: bool, choices: 
     assert b"".join(event.raw for event in events) == stream
 
 
+@both_ways
+@given(frame=FRAMES.filter(lambda frame: frame.command is not Command.ACKNOWLEDGE))
+def test_never_is_more_awaited_than_a_frame_still_lacks(stuffing: bool, frame: Frame) -> None:
+    receiver, raw = decoder(stuffing), frame.encode(stuffing)
+    for at in range(len(raw)):
+        assert 1 <= receiver.missing <= len(raw) - at
+        receiver.receive_data(raw[at : at + 1])
+
+
 @given(choices=choices(120))
 def test_with_stuffing_no_noise_hides_the_frame_behind_it(choices: Choices) -> None:
     """All but a 7E at its end, which the frame's own 7E makes a false start of."""

@@ -119,6 +119,14 @@ def test_after_silence_the_next_frame_is_found(stream: bytes, frame: Frame) -> N
     assert decoder.receive_data(raw) == [FrameReceived(frame, raw)]
 
 
+@given(FRAMES)
+def test_never_is_more_awaited_than_a_frame_still_lacks(frame: Frame) -> None:
+    receiver, raw = ultra3000.decoder(), frame.encode()
+    for at in range(len(raw)):
+        assert 1 <= receiver.missing <= len(raw) - at
+        receiver.receive_data(raw[at : at + 1])
+
+
 @given(st.lists(FRAMES, max_size=4), st.data())
 def test_bytes_that_begin_no_frame_cost_no_frame(frames: list[Frame], data: DataObject) -> None:
     noise = st.lists(st.sampled_from(ROW.harmless), max_size=5).map(bytes)
