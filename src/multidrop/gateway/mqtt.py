@@ -19,6 +19,8 @@ from multidrop.gateway.mqtt_broker import (
     aiomqtt,
     answer_properties,
     command_of,
+    demand_wanted,
+    ended,
     subscribe,
 )
 from multidrop.gateway.mqtt_commands import Command, done, failed, may_answer
@@ -113,6 +115,7 @@ class Mqtt:
 
     async def _serve(self, client: aiomqtt.Client) -> None:
         """One connection to its end. Raises `MqttError` where the broker has gone."""
+        demand_wanted()
         self._published.clear()
         self._announced.clear()
         self._waiting = dict(self.gateway.values.latest)
@@ -135,9 +138,7 @@ class Mqtt:
                 )
             raise
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await ended(tasks)
 
     # -- states ------------------------------------------------------------------------------
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import ssl
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt_commands import Command
@@ -37,6 +38,9 @@ KEEPALIVE = 15
 
 TIMEOUT = 10.0
 """s in which the broker has to take or confirm something."""
+
+AGAIN = 0.1
+"""s after which a task that did not end is cancelled again."""
 
 ANSWER_EXPIRY = 60
 """s that a broker keeps an answer for somebody who is away."""
@@ -101,6 +105,26 @@ async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOption
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
 
 
+async def ended(tasks: Sequence[asyncio.Task[Any]]) -> None:
+    """Cancel tasks until they have ended.
+
+    Once may not be enough: the client waits with `asyncio.wait_for`, which before Python
+    3.12 swallows a cancellation that meets what it waits for.
+    """
+    while waiting := [task for task in tasks if not task.done()]:
+        for task in waiting:
+            task.cancel()
+        await asyncio.wait(waiting, timeout=AGAIN)
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def demand_wanted() -> None:
+    """Raises `CancelledError` where this task was cancelled, and connecting has swallowed it."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
 def command_of(topic: str, message: aiomqtt.Message) -> Command:
     """What of a message makes it a command."""
     facts = message.properties
@@ -161,4 +185,14 @@ def _password(settings: MqttSettings, place: Callable[[str], Path]) -> str | Non
     return lines[0]
 
 
-__all__ = ["FRESH", "KEPT", "Broker", "aiomqtt", "answer_properties", "command_of", "subscribe"]
+__all__ = [
+    "FRESH",
+    "KEPT",
+    "Broker",
+    "aiomqtt",
+    "answer_properties",
+    "command_of",
+    "demand_wanted",
+    "ended",
+    "subscribe",
+]
