@@ -20,7 +20,7 @@ from multidrop.gateway.mqtt_broker import (
     answer_properties,
     command_of,
     demand_wanted,
-    ended,
+    end_all,
     subscribe,
 )
 from multidrop.gateway.mqtt_commands import Command, done, failed, may_answer
@@ -138,7 +138,7 @@ class Mqtt:
                 )
             raise
         finally:
-            await ended(tasks)
+            await end_all(tasks)
 
     # -- states ------------------------------------------------------------------------------
 

@@ -105,7 +105,7 @@ async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOption
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
 
 
-async def ended(tasks: Sequence[asyncio.Task[Any]]) -> None:
+async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
     """Cancel tasks until they have ended.
 
     Once may not be enough: the client waits with `asyncio.wait_for`, which before Python
@@ -193,6 +193,6 @@ __all__ = [
     "answer_properties",
     "command_of",
     "demand_wanted",
-    "ended",
+    "end_all",
     "subscribe",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from multidrop.io.poller import Polled, Quality
 from multidrop.points import Value
@@ -11,12 +11,14 @@ from multidrop.points import Value
 Key = tuple[str, str]
 """Device, point: the names of the plant."""
 
+TEXTS = {quality: quality.value for quality in Quality}
+"""Quicker than `quality.value`, which is worked out each time."""
+
 CLOCK_EVERY = 10.0
 """s between two questions whether the clock is synchronised."""
 
 
-@dataclass(frozen=True, slots=True)
-class Update:
+class Update(NamedTuple):
     """What was just heard of a point. `polled` has its quality, time and newest good reading.
 
     `monotonic` (s) goes on where wall time steps; `synchronised` says whether wall
@@ -66,8 +68,9 @@ class Values:
         if now - self._asked >= CLOCK_EVERY:
             self._asked, self._synchronised = now, self._ask_clock()
         name = polled.point.name or polled.point.text
-        update = Update(polled.device, name, polled, now, self._synchronised)
-        self.latest[update.key] = update
+        device = polled.device
+        update = Update(device, name, polled, now, self._synchronised)
+        self.latest[device, name] = update
         for listener in self.listeners:
             listener(update)
 

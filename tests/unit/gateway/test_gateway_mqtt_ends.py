@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from multidrop.gateway.mqtt_broker import demand_wanted, ended
+from multidrop.gateway.mqtt_broker import demand_wanted, end_all
 
 
 async def _swallows_one() -> None:
@@ -22,7 +22,7 @@ def test_a_task_that_swallows_a_cancellation_ends_nevertheless() -> None:
         task = asyncio.create_task(_swallows_one())
         await asyncio.sleep(0)
         async with asyncio.timeout(10):
-            await ended([task])
+            await end_all([task])
         return task
 
     assert asyncio.run(end()).cancelled()
@@ -33,7 +33,7 @@ def test_what_a_task_raised_is_no_failure_of_ending_it() -> None:
         raise ValueError
 
     async def end() -> None:
-        await ended([asyncio.create_task(fails())])
+        await end_all([asyncio.create_task(fails())])
 
     asyncio.run(end())
 

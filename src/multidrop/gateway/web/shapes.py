@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,6 +16,7 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.line import plain
 from multidrop.gateway.permission import NotAllowed
 from multidrop.gateway.polled import polled, role_of, target_of
 from multidrop.gateway.values import Update
@@ -48,7 +48,9 @@ def failure(error: Error) -> tuple[int, dict[str, Any]]:
 
 
 def utc(time: datetime) -> str:
-    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    if time.tzinfo is not UTC:
+        time = time.astimezone(UTC)
+    return time.isoformat(timespec="milliseconds")[: -len("+00:00")] + "Z"
 
 
 def now() -> str:
@@ -157,8 +159,8 @@ def status(gateway: Gateway) -> dict[str, Any]:
     """Every line and device: whether it answers, how full, what was counted."""
     return {
         "now": now(),
-        "lines": [asdict(line) for line in gateway.line_health()],
-        "devices": [asdict(gateway.device_health(name)) for name in gateway.plant.devices],
+        "lines": [plain(line) for line in gateway.line_health()],
+        "devices": [plain(gateway.device_health(name)) for name in gateway.plant.devices],
     }
 
 
