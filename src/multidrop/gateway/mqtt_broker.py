@@ -105,6 +105,19 @@ async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOption
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
 
 
+async def publish_states(client: aiomqtt.Client, states: Sequence[tuple[str, str]]) -> None:
+    """Retained messages, topic and payload, in order. Returns when they are on their way.
+
+    Raises `MqttError` where the broker has gone.
+    """
+    *others, last = states
+    for topic, payload in others:
+        # aiomqtt would wait for each of them, several rounds of the loop; its own client
+        # takes them all, and has written them when it has written the last one
+        client._client.publish(topic, payload, retain=True)
+    await client.publish(*last, retain=True)
+
+
 async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
     """Cancel tasks until they have ended.
 
@@ -194,5 +207,6 @@ __all__ = [
     "command_of",
     "demand_wanted",
     "end_all",
+    "publish_states",
     "subscribe",
 ]

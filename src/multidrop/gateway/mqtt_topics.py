@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cache
 from typing import Any
 
 from multidrop.errors import UsageError
@@ -20,6 +21,9 @@ ONLINE, OFFLINE = "online", "offline"
 UNREAD = "not read yet"
 """The quality of a point that was not polled yet."""
 
+ENCODE = json.JSONEncoder(ensure_ascii=False).encode
+"""`json.dumps` with an argument makes an encoder for each call."""
+
 _SPECIAL = re.compile(r"[%/+#\x00-\x1f\x7f-\x9f]")
 
 
@@ -31,6 +35,7 @@ def checked_topic(text: str, where: str) -> str:
     return text
 
 
+@cache
 def level(name: str) -> str:
     """A name as one level of a topic: what MQTT gives a meaning is written as %XX."""
     return _SPECIAL.sub(lambda found: f"%{ord(found[0]):02X}", name)
@@ -91,7 +96,7 @@ def state_payload(update: Update) -> str:
         facts |= {"last": jsonable(reading.value), "last_time": utc(reading.time)}
     if update.polled.error is not None:
         facts["error"] = str(update.polled.error)
-    return json.dumps(facts, ensure_ascii=False)
+    return ENCODE(facts)
 
 
 def unread_payload(plant: Plant, key: Key) -> str:
