@@ -7,15 +7,10 @@ newest of every point that changed since it was told last.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from multidrop.gateway.values import Key, Update, Values
-
-ENCODE = json.JSONEncoder(allow_nan=False).encode
-"""`json.dumps` with an argument makes an encoder for each call."""
 
 SOON = 0.01
 """s that updates wait for others, to travel together."""
@@ -35,13 +30,16 @@ class _Entry:
 
 
 class Live:
-    """The newest of all points, numbered as they came. Stands among the listeners of `values`."""
+    """The newest of all points, numbered as they came. Stands among the listeners of `values`.
 
-    def __init__(self, values: Values, shape: Callable[[Update], dict[str, Any]]) -> None:
+    `write` makes an update JSON.
+    """
+
+    def __init__(self, values: Values, write: Callable[[Update], str]) -> None:
         self.listeners = 0
         self.closed = False
         self._values = values
-        self._shape = shape
+        self._write = write
         self._number = 0
         self._entries: dict[Key, _Entry] = {}
         self._next: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -96,6 +94,6 @@ class Live:
             if entry.number <= number:
                 break
             if (devices is None or key[0] in devices) and key in self._values.latest:
-                entry.text = entry.text or ENCODE(self._shape(entry.update))
+                entry.text = entry.text or self._write(entry.update)
                 texts.append(entry.text)
         return f"[{','.join(reversed(texts))}]" if texts else ""
