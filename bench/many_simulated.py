@@ -153,7 +153,10 @@ class ManyLines:
 
     def _hear(self, fd: int) -> None:
         line = self._connected[fd]
-        data = line.client.recv(4096)
+        try:
+            data = line.client.recv(4096)
+        except ConnectionResetError:  # a master that ended with an answer on its way
+            data = b""
         if data:
             self._heard.append((line, data, monotonic()))
         else:

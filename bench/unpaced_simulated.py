@@ -50,7 +50,10 @@ class Line:
 
     def hear(self) -> bool:
         """Take what came, and answer it; whether the master is still there."""
-        data = self.client.recv(4096)
+        try:
+            data = self.client.recv(4096)
+        except ConnectionResetError:  # a master that ended with an answer on its way
+            data = b""
         if not data:
             return False
         self._count.number = len(self.noted)
