@@ -2,10 +2,10 @@
 
 `python -m bench.many_simulated CPU COUNT BURST_MS PROFILE ...` serves COUNT lines
 on TCP ports, each with one device at address 0; the profiles take turns, with
-their own baud rate or another one (`ultra3000@9600`). It prints its ports as a
-line of JSON, answers every line on its standard input, `unanswered` with when the
-messages came that nobody answers, any other with what it noted of each answer,
-line by line, and ends with its standard input.
+their own baud rate or another one (`ultra3000@9600`); `flexmax+8236` is one whose point
+counts the line's answers. It prints its ports as a line of JSON, answers every line on
+its standard input, `unanswered` with when the messages came that nobody answers, any
+other with what it noted of each answer, line by line, and ends with its standard input.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Sequence
 from time import monotonic
 
+from bench.counting import Count, let_count, numbers
 from multidrop.catalog import load_profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.sim.devices import simulated_device
@@ -38,10 +39,14 @@ class Line:
     """
 
     def __init__(self, profile: str, burst: float) -> None:
+        profile, _, counting = profile.partition("+")
         name, _, baud = profile.partition("@")
         settings = PROTOCOLS[load_profile(name).protocol].line
         settings = settings.with_options(baud=int(baud) if baud else None)
-        device = SimulatedLine([simulated_device(name, 0)], settings.decoder)
+        simulated = simulated_device(name, 0)
+        self._count = Count()
+        self._show = let_count(simulated, numbers(counting), self._count) if counting else None
+        device = SimulatedLine([simulated], settings.decoder)
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.client = self.listener  # until a master is connected
         self.noted: list[tuple[float, float, float]] = []
@@ -60,6 +65,9 @@ class Line:
     def answer(self, data: bytes, came: float) -> Answer | None:
         """Take bytes that began to arrive at `came`; the answer that they call for is put on the wire."""
         start = max(came, self._free_at) + len(data) * self._character
+        self._count.number = len(self.noted) + len(self.answers)
+        if self._show is not None:
+            self._show()
         self._device.receive(data, came)
         answer = self._device.send(came)
         self._free_at = start + len(answer) * self._character
@@ -145,7 +153,10 @@ class ManyLines:
 
     def _hear(self, fd: int) -> None:
         line = self._connected[fd]
-        data = line.client.recv(4096)
+        try:
+            data = line.client.recv(4096)
+        except ConnectionResetError:  # a master that ended with an answer on its way
+            data = b""
         if data:
             self._heard.append((line, data, monotonic()))
         else:

@@ -13,7 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench import backup, datalink, history, service, ultra3000
+from bench import backup, datalink, gateway, gateway_lines, history, service, ultra3000
 from bench.codec import decoding, encoding
 from bench.decode import decoding_captures
 from bench.many_lines import many_lines
@@ -35,6 +35,9 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "share": share,
     "service": service.rows,
     "history": history.rows,
+    "gateway": gateway.rows,
+    "gateway_lines": gateway_lines.rows,
+    "gateway_minutes": gateway.memory,
     "scan": scan,
     "backup": backup.rows,
     "startup": startup,

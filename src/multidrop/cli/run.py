@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json as json_module
 import signal
 from datetime import datetime
@@ -133,6 +134,8 @@ async def run_plant(path: Path, said: Said) -> None:
     news = News(lambda device: gateway.device(device).line, said.news)
     gateway.values.listeners += [news.take, said.update]
     async with gateway:
+        gc.collect()
+        gc.freeze()  # the plant stays: to look through it again and again takes tens of milliseconds
         running = asyncio.ensure_future(gateway.run())
         reloads: set[asyncio.Task[None]] = set()
 

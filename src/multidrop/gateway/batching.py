@@ -59,19 +59,24 @@ class Batching:
     def take(self, samples: Iterable[Sample]) -> None:
         """In the order in which they happened."""
         for sample in samples:
-            monotonic = round(sample.monotonic * 1e6)
+            device, point, wall, seconds, synchronised, value, quality = sample
+            monotonic = round(seconds * 1e6)
             span = self._span
             if (
                 span is None
-                or sample.synchronised is not span.synchronised
-                or abs(sample.time - monotonic - span.shift) > STEP
+                or synchronised is not span.synchronised
+                or not -STEP <= wall - monotonic - span.shift <= STEP
             ):
-                span = self._begin(sample, sample.time - monotonic)
-            key = sample.device, sample.point
-            time = max(monotonic + span.shift, self._last.get(key, 0) + 1)
+                span = self._begin(sample, wall - monotonic)
+            key = device, point
+            time = monotonic + span.shift
+            last = self._last.get(key, 0)
+            if time <= last:
+                time = last + 1
             self._last[key] = time
-            self._until = max(self._until, time)
-            self._rows.append(Row(*key, time, sample.value, CODES[sample.quality]))
+            if time > self._until:
+                self._until = time
+            self._rows.append(Row(device, point, time, value, CODES[quality]))
 
     def cut(self, monotonic: float, *, stop: bool = False) -> list[Batch]:
         """All batches that wait, what came until now (s) included. They wait until `written`."""

@@ -47,6 +47,9 @@ class FaultWatch:
         if not update.good:
             return
         for witness, fault in _said_by(update):
+            known = self._said.get(update.device)
+            if known is not None and known.get(witness) is fault:
+                continue  # as it said before
             before = self.state(update.device)
             said = self._said.setdefault(update.device, {})
             first, said[witness] = witness not in said, fault

@@ -12,7 +12,14 @@ from multidrop.gateway.fault_watch import Change, FaultChange
 from multidrop.gateway.freeze_frames import FreezeFrame, FreezeFrames
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.line import GatewayLine
-from multidrop.gateway.recent import Piece, RecentFrames, RecentValues, frames_of, shown_time
+from multidrop.gateway.recent import (
+    Past,
+    Piece,
+    RecentFrames,
+    RecentValues,
+    frames_of,
+    shown_time,
+)
 from multidrop.gateway.settings import FaultSettings, Settings, demand_writable, objections
 from multidrop.gateway.values import Update
 from multidrop.io.audit import jsonable
@@ -175,15 +182,14 @@ class Faults:
         self._gateway.news(f"{change.device}: no fault any more")
 
 
-def _value(past: Update, trip: Update) -> dict[str, Any]:
-    reading = past.polled.reading
+def _value(past: Past, trip: Update) -> dict[str, Any]:
     return {
         "s": round(past.monotonic - trip.monotonic, 3),
         "point": past.point,
-        "quality": past.quality.value,
-        "value": None if reading is None else jsonable(reading.value),
-        "unit": past.polled.point.unit,
-        "meaning": None if reading is None else reading.meaning,
+        "quality": past.quality,
+        "value": jsonable(past.value),
+        "unit": past.unit,
+        "meaning": past.meaning,
     }
 
 

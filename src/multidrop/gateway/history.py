@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
@@ -19,11 +20,12 @@ from typing import TypeVar
 from multidrop.errors import PortError
 from multidrop.gateway.batching import Batching
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.records import Bucket, Gap, Sample, kept, microseconds
+from multidrop.gateway.records import Bucket, Gap, Kept, Sample, kept, microseconds
 from multidrop.gateway.reporting import Reporting, Rule
 from multidrop.gateway.settings import HistorySettings, Settings, demand_writable, objections
 from multidrop.gateway.store import MOST_BUCKETS, Store
-from multidrop.gateway.values import Update
+from multidrop.gateway.values import Key, Update
+from multidrop.io.poller import Polled, Quality
 from multidrop.plant import Plant
 
 EVERY = 0.5
@@ -75,7 +77,7 @@ class History:
         self._rule_of = rule_of
         self._keep = keep
         self._every = every
-        self._reporting: dict[tuple[str, str], Reporting] = {}
+        self._reporting: dict[Key, Reporting] = {}
         self._batching = Batching(uuid.uuid4().hex)
         self._writing = ThreadPoolExecutor(1, "history-write")
         self._asking = ThreadPoolExecutor(1, "history-ask")
@@ -88,20 +90,24 @@ class History:
 
     def take(self, update: Update) -> None:
         """A listener: records what is worth it."""
-        key = update.device, update.point
-        reporting = self._reporting.get(key)
-        rule = self._rule_of(*key)
+        device, point, polled, monotonic, _ = update
+        reporting = self._reporting.get((device, point))
+        rule = self._rule_of(device, point)
         if reporting is None:
-            reporting = self._reporting[key] = Reporting(rule)
+            reporting = self._reporting[device, point] = Reporting(rule)
         reporting.rule = rule
-        self.append(reporting.take(sample_of(update)))
+        if reporting.repeats(value_of(polled), polled.quality, monotonic):
+            reporting.hold(partial(sample_of, update))
+        else:
+            self.append(reporting.report(sample_of(update)))
 
     def append(self, samples: Iterable[Sample]) -> None:
         """Record these as they are, in the order in which they happened."""
-        for sample in samples:
-            self._newest = sample.time
-            self.recorded += 1
-            self._batching.take((sample,))
+        samples = tuple(samples)
+        if samples:
+            self._newest = samples[-1].time
+            self.recorded += len(samples)
+            self._batching.take(samples)
 
     async def run(self) -> None:
         """Write twice a second, until cancelled; then what is left, and that the gateway stopped."""
@@ -198,13 +204,17 @@ async def _done(threads: ThreadPoolExecutor, work: Callable[[], ResultT]) -> Res
     return await asyncio.get_running_loop().run_in_executor(threads, work)
 
 
+def value_of(polled: Polled) -> Kept:
+    """The value that was just read; None where none was."""
+    if polled.reading is None or polled.quality is not Quality.GOOD:
+        return None
+    return kept(polled.reading.value)
+
+
 def sample_of(update: Update) -> Sample:
     """What history makes of an update: a value with its own time, or the mark that there is none."""
     polled = update.polled
-    if polled.good and polled.reading is not None:
-        time, value = polled.reading.time, kept(polled.reading.value)
-    else:
-        time, value = polled.time, None
+    time = polled.reading.time if polled.good and polled.reading is not None else polled.time
     ago = (polled.time - time).total_seconds()
     return Sample(
         update.device,
@@ -212,7 +222,7 @@ def sample_of(update: Update) -> Sample:
         microseconds(time),
         update.monotonic - ago,
         update.synchronised,
-        value,
+        value_of(polled),
         polled.quality,
     )
 
@@ -235,21 +245,41 @@ def open_store(
     return PostgresStore(settings.dsn, outbox)
 
 
+class _Rules:
+    """The rules of the plant file that counts now; `longest` is for points that have none."""
+
+    def __init__(self, gateway: Gateway, longest: float) -> None:
+        self._gateway = gateway
+        self._longest = longest
+        self._plant = gateway.plant
+        self._known: dict[Key, Rule] = {}
+
+    def of(self, device: str, point: str) -> Rule:
+        if self._plant is not self._gateway.plant:
+            self._plant = self._gateway.plant
+            self._known.clear()
+        rule = self._known.get((device, point))
+        if rule is None:
+            rule = self._known[device, point] = self._read(device, point)
+        return rule
+
+    def _read(self, device: str, point: str) -> Rule:
+        found = self._plant.devices.get(device)
+        named = found.points.get(point) if found is not None else None
+        if named is None:
+            return Rule(longest=self._longest)
+        return Rule(named.deadband, self._longest if named.longest is None else named.longest)
+
+
 def part(gateway: Gateway) -> History:
     """The history of a gateway, as its plant and `[history]` say. Raises `UsageError`."""
     settings = gateway.settings
     table = settings.history
     assert table is not None
 
-    def rule_of(device: str, point: str) -> Rule:
-        found = gateway.plant.devices.get(device)
-        named = found.points.get(point) if found is not None else None
-        if named is None:
-            return Rule(longest=table.longest)
-        return Rule(named.deadband, table.longest if named.longest is None else named.longest)
-
+    rules = _Rules(gateway, table.longest)
     store = open_store(table, settings.path)
-    history = History(store, rule_of, keep=table.keep * DAY, news=gateway.news)
+    history = History(store, rules.of, keep=table.keep * DAY, news=gateway.news)
     gateway.values.listeners.append(history.take)
     return history
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any
@@ -13,7 +13,7 @@ from multidrop.gateway.polled import at_one_place, polled, targets_of
 from multidrop.io.audit import AuditLog
 from multidrop.io.line import Timed
 from multidrop.io.poller import OnReading, Polled, Quality
-from multidrop.io.polling import Plan
+from multidrop.io.polling import TYPICAL_DELAY, Plan, line_time
 from multidrop.io.service import LineService, one_line, settings_of_line
 from multidrop.plant import PlantDevice
 from multidrop.writing import Written
@@ -54,6 +54,28 @@ class DeviceHealth:
     counters: dict[str, Any]
 
 
+class Fullness:
+    """The load of a plan, by the answer delays as they are now: `plan.learned(delays).load`.
+
+    That makes a plan anew, which takes milliseconds; a page asks once a second.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._delays = plan.delays
+        self._undelayed = 0.0
+        self._asked: dict[str, float] = {}  # device -> messages a second
+        for poll in plan.polls:
+            self._undelayed += line_time(plan.settings, poll.sizes, 0.0) / poll.every
+            asked = self._asked.get(poll.name, 0.0)
+            self._asked[poll.name] = asked + len(poll.sizes) / poll.every
+
+    def share(self, delays: Mapping[str, float]) -> float:
+        """0..1, and more. `delays` are the measured ones, s, by the device's name."""
+        known = {**self._delays, **delays}
+        delayed = (asked * known.get(name, TYPICAL_DELAY) for name, asked in self._asked.items())
+        return self._undelayed + sum(delayed)
+
+
 class GatewayLine:
     """One line, polled while `run` runs. The port stays open while only its devices change."""
 
@@ -61,9 +83,8 @@ class GatewayLine:
         self, name: str, devices: Sequence[PlantDevice], audit: AuditLog, on_reading: OnReading
     ) -> None:
         self.name = name
-        self.devices = tuple(devices)
         self.service = LineService(targets_of(devices), audit=audit)
-        self.plan = self._plan()
+        self._take(devices)
         self._on_reading = on_reading
         self._polling: asyncio.Task[None] | None = None
         self._turn = asyncio.Lock()  # to start polling, or to change what is polled
@@ -85,12 +106,17 @@ class GatewayLine:
         for point, reading in zip(there, readings, strict=True):
             self._on_reading(Polled(name, point, Quality.GOOD, datetime.now(UTC), reading))
 
-    def _plan(self) -> Plan:
-        return self.service.plan(
-            (device.name, point, every)
-            for device in self.devices
-            for point, every in polled(device).items()
+    def _take(self, devices: Sequence[PlantDevice]) -> None:
+        """What is polled of these devices, which the service knows."""
+        self.devices = tuple(devices)
+        self._device = {device.name: device for device in devices}
+        self._polled = {device.name: polled(device) for device in devices}
+        self.plan = self.service.plan(
+            (name, point, every)
+            for name, points in self._polled.items()
+            for point, every in points.items()
         )
+        self._fullness = Fullness(self.plan)
 
     async def run(self) -> None:
         """Open the port, and poll until cancelled. Raises `UsageError` for a port that is none."""
@@ -120,14 +146,13 @@ class GatewayLine:
                 self._polling.cancel()
                 await asyncio.wait([self._polling])
             self.service.change(targets_of(devices))
-            self.devices = tuple(devices)
-            self.plan = self._plan()
+            self._take(devices)
             self._listen_to_writes()
 
     @property
     def keys(self) -> list[tuple[str, str]]:
         """Device and point of everything that is polled."""
-        return [(device.name, point) for device in self.devices for point in polled(device)]
+        return [(name, point) for name, points in self._polled.items() for point in points]
 
     def health(self) -> LineHealth:
         service = self.service
@@ -139,14 +164,14 @@ class GatewayLine:
             f"{settings.baud} {settings.format}",
             None if service.lost is None else str(service.lost),
             service.times_opened,
-            self.plan.learned(service.delays).load,
+            self._fullness.share(service.delays),
             service.load,
             service.missed,
-            asdict(service.counters),
+            plain(service.counters),
         )
 
     def device_health(self, name: str, fault: bool | None) -> DeviceHealth:
-        device = next(device for device in self.devices if device.name == name)
+        device = self._device[name]
         served = self.service.device(name)
         return DeviceHealth(
             name,
@@ -154,9 +179,14 @@ class GatewayLine:
             device.profile.name,
             device.profile.title,
             device.device.address,
-            len(polled(device)),
+            len(self._polled[name]),
             self.service.health.silent_since(name) is not None,
             fault,
             served.counters.delay,
-            asdict(served.counters),
+            plain(served.counters),
         )
+
+
+def plain(item: Any) -> dict[str, Any]:
+    """A dataclass with nothing inside that could change, as a dict: `asdict` copies it all."""
+    return {field.name: getattr(item, field.name) for field in fields(item)}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Iterator
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from multidrop.errors import Error, UsageError
@@ -20,6 +21,9 @@ from multidrop.gateway.mqtt_broker import (
     aiomqtt,
     answer_properties,
     command_of,
+    demand_wanted,
+    end_all,
+    publish_states,
     subscribe,
     wrong_with_broker,
 )
@@ -54,6 +58,9 @@ FAREWELL = 1.0
 
 MOST_AT_ONCE = 32
 """Commands that are under way; what comes beyond is refused."""
+
+TOGETHER = 25
+"""States that are handed to the broker's client at once."""
 
 WHO = "mqtt client"
 
@@ -128,6 +135,7 @@ class Mqtt:
 
     async def _serve(self, client: aiomqtt.Client) -> None:
         """One connection to its end. Raises `MqttError` where the broker has gone."""
+        demand_wanted()
         self._published.clear()
         self._announced.clear()
         self._waiting = dict(self.gateway.values.latest)
@@ -150,9 +158,7 @@ class Mqtt:
                 )
             raise
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_all(tasks)
 
     # -- states ------------------------------------------------------------------------------
 
@@ -197,14 +203,17 @@ class Mqtt:
             await self._send_waiting(client)
 
     async def _send_waiting(self, client: aiomqtt.Client) -> None:
+        """The oldest first, some at a time: between them others want to run."""
         while self._waiting:
-            key = next(iter(self._waiting))
-            update = self._waiting.pop(key)
-            topic = self.topics.state(key)
-            if topic in self._keys:
-                self._published[key] = update
-                await client.publish(topic, state_payload(update), retain=True)
-                await asyncio.sleep(0)  # publishing does not wait, and others want to run
+            states = []
+            for key in list(islice(self._waiting, TOGETHER)):
+                update = self._waiting.pop(key)
+                topic = self.topics.state(key)
+                if topic in self._keys:
+                    self._published[key] = update
+                    states.append((topic, state_payload(update)))
+            if states:
+                await publish_states(client, states)
 
     async def _change(self, client: aiomqtt.Client) -> None:
         """After a reload: the states of points that are gone are taken back."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import ssl
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt_commands import Command
@@ -38,6 +39,9 @@ KEEPALIVE = 15
 
 TIMEOUT = 10.0
 """s in which the broker has to take or confirm something."""
+
+AGAIN = 0.1
+"""s after which a task that did not end is cancelled again."""
 
 ANSWER_EXPIRY = 60
 """s that a broker keeps an answer for somebody who is away."""
@@ -99,6 +103,39 @@ async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOption
     for code in codes:
         if not isinstance(code, int) and code.is_failure:
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
+
+
+async def publish_states(client: aiomqtt.Client, states: Sequence[tuple[str, str]]) -> None:
+    """Retained messages, topic and payload, in order. Returns when they are on their way.
+
+    Raises `MqttError` where the broker has gone.
+    """
+    *others, last = states
+    for topic, payload in others:
+        # aiomqtt would wait for each of them, several rounds of the loop; its own client
+        # takes them all, and has written them when it has written the last one
+        client._client.publish(topic, payload, retain=True)
+    await client.publish(*last, retain=True)
+
+
+async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
+    """Cancel tasks until they have ended.
+
+    Once may not be enough: the client waits with `asyncio.wait_for`, which before Python
+    3.12 swallows a cancellation that meets what it waits for.
+    """
+    while waiting := [task for task in tasks if not task.done()]:
+        for task in waiting:
+            task.cancel()
+        await asyncio.wait(waiting, timeout=AGAIN)
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def demand_wanted() -> None:
+    """Raises `CancelledError` where this task was cancelled, and connecting has swallowed it."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 def command_of(topic: str, message: aiomqtt.Message) -> Command:
@@ -187,6 +224,9 @@ __all__ = [
     "aiomqtt",
     "answer_properties",
     "command_of",
+    "demand_wanted",
+    "end_all",
+    "publish_states",
     "subscribe",
     "wrong_with_broker",
 ]

@@ -6,11 +6,12 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from functools import cache
 from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.polled import polled, target_of
+from multidrop.gateway.stamps import to_microseconds
 from multidrop.gateway.values import Key, Update
 from multidrop.io.audit import jsonable
 from multidrop.plantfile import Plant, PlantDevice
@@ -19,6 +20,9 @@ ONLINE, OFFLINE = "online", "offline"
 
 UNREAD = "not read yet"
 """The quality of a point that was not polled yet."""
+
+ENCODE = json.JSONEncoder(ensure_ascii=False).encode
+"""`json.dumps` with an argument makes an encoder for each call."""
 
 _SPECIAL = re.compile(r"[%/+#\x00-\x1f\x7f-\x9f]")
 
@@ -31,6 +35,7 @@ def checked_topic(text: str, where: str) -> str:
     return text
 
 
+@cache
 def level(name: str) -> str:
     """A name as one level of a topic: what MQTT gives a meaning is written as %XX."""
     return _SPECIAL.sub(lambda found: f"%{ord(found[0]):02X}", name)
@@ -70,10 +75,6 @@ class Topics:
         return inside and topic.count("/") == self.base.count("/") + 3
 
 
-def utc(time: datetime) -> str:
-    return time.isoformat(timespec="microseconds").replace("+00:00", "Z")
-
-
 def state_payload(update: Update) -> str:
     """A state. `value` is null unless it is good: an old one is `last`, with its own time."""
     reading = update.polled.reading
@@ -81,17 +82,17 @@ def state_payload(update: Update) -> str:
         "value": None,
         "unit": update.polled.point.unit,
         "quality": update.quality.value,
-        "time": utc(update.polled.time),
+        "time": to_microseconds(update.polled.time),
     }
     if reading is not None and update.good:
-        facts |= {"value": jsonable(reading.value), "time": utc(reading.time)}
+        facts |= {"value": jsonable(reading.value), "time": to_microseconds(reading.time)}
         if reading.meaning is not None:
             facts["meaning"] = reading.meaning
     elif reading is not None:
-        facts |= {"last": jsonable(reading.value), "last_time": utc(reading.time)}
+        facts |= {"last": jsonable(reading.value), "last_time": to_microseconds(reading.time)}
     if update.polled.error is not None:
         facts["error"] = str(update.polled.error)
-    return json.dumps(facts, ensure_ascii=False)
+    return ENCODE(facts)
 
 
 def unread_payload(plant: Plant, key: Key) -> str:

@@ -21,6 +21,8 @@ class News:
 
     def take(self, update: Update) -> None:
         """A listener of `Values`."""
+        if update.quality is Quality.GOOD and not self._silent and not self._lost:
+            return  # nearly always
         line = self._line_of(update.device)
         if update.quality is Quality.PORT_LOST:
             if line not in self._lost:

@@ -9,31 +9,56 @@ from typing import Any, NamedTuple
 
 from multidrop.device import ProtocolModule
 from multidrop.events import FrameReceived
-from multidrop.gateway.values import Update
+from multidrop.gateway.values import TEXTS, Update
 from multidrop.io.cutting import Cut, Cutter
+from multidrop.points import Value
 from multidrop.timing import LineSettings
 
 PIECES = 16
 """Pieces of bytes that are kept for each frame: adapters deliver answers in several."""
 
 
+class Past(NamedTuple):
+    """What was heard of a point at `monotonic` (s). `value` is the newest good one."""
+
+    monotonic: float
+    point: str
+    quality: str
+    value: Value | None
+    unit: str | None
+    meaning: str | None
+
+
 class RecentValues:
-    """The updates of each device in the last `seconds`."""
+    """What was heard of each device in the last `seconds`.
+
+    Tens of thousands may be kept, so they are tuples of plain values: Python's garbage
+    collector does not follow these, and its long pauses would hold up the lines.
+    """
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
-        self._kept: dict[str, deque[Update]] = {}
+        self._kept: dict[str, deque[tuple[Any, ...]]] = {}
 
     def take(self, update: Update) -> None:
         """A listener of `Values`."""
-        kept = self._kept.setdefault(update.device, deque())
-        kept.append(update)
-        while kept[0].monotonic < update.monotonic - self._seconds:
+        device, point, polled, monotonic, _ = update
+        kept = self._kept.get(device)
+        if kept is None:
+            kept = self._kept[device] = deque()
+        reading = polled.reading
+        quality = TEXTS[polled.quality]
+        if reading is None:
+            kept.append((monotonic, point, quality, None, polled.point.unit, None))
+        else:
+            kept.append((monotonic, point, quality, reading.value, reading.unit, reading.meaning))
+        oldest = monotonic - self._seconds
+        while kept[0][0] < oldest:
             kept.popleft()
 
-    def of(self, device: str) -> list[Update]:
+    def of(self, device: str) -> list[Past]:
         """Oldest first, the newest included."""
-        return list(self._kept.get(device, ()))
+        return [Past(*one) for one in self._kept.get(device, ())]
 
 
 class Piece(NamedTuple):
@@ -50,7 +75,8 @@ class RecentFrames:
 
     def __init__(self, frames: int) -> None:
         self._frames = frames
-        self._pieces: deque[Piece] = deque(maxlen=PIECES * frames)
+        # plain tuples, for the same reason as above
+        self._pieces: deque[tuple[bytes, bool, float, bool]] = deque(maxlen=PIECES * frames)
         self._sent = 0
 
     def __call__(self, data: bytes, sent: bool, at: float, damaged: bool) -> None:
@@ -58,15 +84,15 @@ class RecentFrames:
         if not self._frames:
             return
         if len(pieces) == pieces.maxlen:
-            self._sent -= pieces.popleft().sent
-        pieces.append(Piece(data, sent, at, damaged))
+            self._sent -= pieces.popleft()[1]
+        pieces.append((data, sent, at, damaged))
         self._sent += sent
         while self._sent > self._frames:
-            self._sent -= pieces.popleft().sent
+            self._sent -= pieces.popleft()[1]
 
     def pieces(self) -> list[Piece]:
         """Oldest first, as they are now."""
-        return list(self._pieces)
+        return [Piece(*one) for one in self._pieces]
 
 
 def frames_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from multidrop.io.poller import Polled, Quality
 from multidrop.points import Value
@@ -11,12 +11,14 @@ from multidrop.points import Value
 Key = tuple[str, str]
 """Device, point: the names of the plant."""
 
+TEXTS = {quality: quality.value for quality in Quality}
+"""Quicker than `quality.value`, which is worked out each time."""
+
 CLOCK_EVERY = 10.0
 """s between two questions whether the clock is synchronised."""
 
 
-@dataclass(frozen=True, slots=True)
-class Update:
+class Update(NamedTuple):
     """What was just heard of a point. `polled` has its quality, time and newest good reading.
 
     `monotonic` (s) goes on where wall time steps; `synchronised` says whether wall
@@ -66,11 +68,12 @@ class Values:
         if now - self._asked >= CLOCK_EVERY:
             self._asked, self._synchronised = now, self._ask_clock()
         name = polled.point.name or polled.point.text
-        before = self.latest.get((polled.device, name))
+        device = polled.device
+        before = self.latest.get((device, name))
         if before is not None and not polled.good:
             polled = _with_newest(polled, before.polled)
-        update = Update(polled.device, name, polled, now, self._synchronised)
-        self.latest[update.key] = update
+        update = Update(device, name, polled, now, self._synchronised)
+        self.latest[device, name] = update
         for listener in self.listeners:
             listener(update)
 
@@ -94,4 +97,4 @@ def _with_newest(polled: Polled, before: Polled) -> Polled:
     known, own = before.reading, polled.reading
     if known is None or before.point != polled.point:
         return polled
-    return polled if own is not None and own.time >= known.time else replace(polled, reading=known)
+    return polled if own is not None and own.time >= known.time else polled._replace(reading=known)

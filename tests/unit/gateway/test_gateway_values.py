@@ -50,13 +50,13 @@ def test_a_failed_poll_does_not_bring_back_what_is_older() -> None:
     found = update(value=2, at=2.0).polled
     values.take(polled)
     values.take(found)
-    values.take(replace(polled, quality=Quality.NO_REPLY))
+    values.take(polled._replace(quality=Quality.NO_REPLY))
     latest = values.latest["infeed", "p"]
     assert (latest.value, latest.quality) == (2, Quality.NO_REPLY)
-    values.take(replace(polled, quality=Quality.NO_REPLY, reading=None))
+    values.take(polled._replace(quality=Quality.NO_REPLY, reading=None))
     assert values.latest["infeed", "p"].value == 2
     other = replace(polled.point, text="another place")
-    values.take(replace(polled, point=other, quality=Quality.NO_REPLY, reading=None))
+    values.take(polled._replace(point=other, quality=Quality.NO_REPLY, reading=None))
     assert values.latest["infeed", "p"].value is None
 
 

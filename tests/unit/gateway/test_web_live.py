@@ -6,25 +6,31 @@ import asyncio
 import json
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
-from typing import Any
 
+import pytest
+
+from multidrop.errors import NoReply
 from multidrop.gateway.values import Update, Values
+from multidrop.gateway.web import shapes
 from multidrop.gateway.web.live import Live
+from multidrop.gateway.web.shapes import value_text
 from multidrop.io.poller import Polled, Quality
-from multidrop.points import Point
+from multidrop.points import Point, Value
+from unit.gateway.updates import NOON, update
 
 
 class Plant:
-    """Values that somebody else fills, and how often each was shaped."""
+    """Values that somebody else fills, and how often each was written."""
 
     def __init__(self) -> None:
         self.values = Values(lambda: 0.0)
-        self.shaped = 0
-        self.live = Live(self.values, self._shape)
+        self.written = 0
+        self.live = Live(self.values, self._write)
 
-    def _shape(self, update: Update) -> dict[str, Any]:
-        self.shaped += 1
-        return {"at": f"{update.device}/{update.point}", "second": update.polled.time.second}
+    def _write(self, update: Update) -> str:
+        self.written += 1
+        at = f"{update.device}/{update.point}"
+        return json.dumps({"at": at, "second": update.polled.time.second})
 
     def say(self, device: str, point: str, second: int) -> None:
         time = datetime(2026, 11, 22, 2, 31, second, tzinfo=UTC)
@@ -71,7 +77,7 @@ async def test_a_text_is_made_once_for_all_who_listen(plant: Plant) -> None:
     plant.say("a", "x", 1)
     first = plant.since(0)
     assert [plant.since(0) for _ in range(5)] == [first] * 5
-    assert plant.shaped == 1
+    assert plant.written == 1
 
 
 @within_loop
@@ -98,7 +104,7 @@ async def test_a_point_that_is_no_longer_polled_is_not_told(plant: Plant) -> Non
 @within_loop
 async def test_values_from_before_are_there(plant: Plant) -> None:
     plant.say("a", "x", 1)
-    late = Live(plant.values, lambda update: {"point": update.point})
+    late = Live(plant.values, lambda update: json.dumps({"point": update.point}))
     assert json.loads(late.since(0)[1]) == [{"point": "x"}]
 
 
@@ -109,3 +115,19 @@ async def test_closing_lets_go(plant: Plant) -> None:
     plant.live.close()
     await asyncio.wait_for(waiting, 1.0)
     assert plant.live.closed
+
+
+@pytest.mark.parametrize(
+    "value",
+    [0, -5, 12.5, 1e300, float("nan"), float("-inf"), True, False, 'a "text" \x00 é', b"\x01"],
+)
+@pytest.mark.parametrize("quality", list(Quality))
+def test_the_quick_way_to_write_a_value_writes_the_same(value: Value, quality: Quality) -> None:
+    told = update('in"feed', "pé", quality, value=value, fault=True)
+    assert value_text(told) == json.dumps(shapes.value(told), allow_nan=False)
+
+
+def test_a_value_that_was_never_read_is_written_the_same() -> None:
+    polled = Polled("a", Point("x"), Quality.NO_REPLY, NOON, None, NoReply(1))
+    told = Update("a", "x", polled, 0.0)
+    assert value_text(told) == json.dumps(shapes.value(told))

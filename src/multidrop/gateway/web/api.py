@@ -49,7 +49,7 @@ class Api:
 
     def __init__(self, gateway: Gateway, access: Access) -> None:
         self.gateway = gateway
-        self.live = Live(gateway.values, shapes.value)
+        self.live = Live(gateway.values, shapes.value_text)
         self._access = access
         self._streams = 0
         self._status: tuple[float, str] = (float("-inf"), "")

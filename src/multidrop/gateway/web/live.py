@@ -7,10 +7,8 @@ newest of every point that changed since it was told last.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from multidrop.gateway.values import Key, Update, Values
 
@@ -32,16 +30,19 @@ class _Entry:
 
 
 class Live:
-    """The newest of all points, numbered as they came. Stands among the listeners of `values`."""
+    """The newest of all points, numbered as they came. Stands among the listeners of `values`.
 
-    def __init__(self, values: Values, shape: Callable[[Update], dict[str, Any]]) -> None:
+    `write` makes an update JSON.
+    """
+
+    def __init__(self, values: Values, write: Callable[[Update], str]) -> None:
         self.listeners = 0
         self.closed = False
         self._values = values
-        self._shape = shape
+        self._write = write
         self._number = 0
         self._entries: dict[Key, _Entry] = {}
-        self._next = asyncio.Event()
+        self._next: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._called = False
         self._told: dict[tuple[int, frozenset[str] | None], tuple[int, str]] = {}
         for update in values.latest.values():
@@ -50,8 +51,13 @@ class Live:
 
     def _take(self, update: Update) -> None:
         self._number += 1
-        self._entries.pop(update.key, None)
-        self._entries[update.key] = _Entry(self._number, update)
+        key = update.key
+        entry = self._entries.pop(key, None)
+        if entry is None:
+            entry = _Entry(self._number, update)
+        else:
+            entry.number, entry.update, entry.text = self._number, update, ""
+        self._entries[key] = entry  # the newest are at the end
         if self.listeners and not self._called:
             self._called = True
             wait = min(LATEST, SOON + FOR_EACH * self.listeners)
@@ -60,8 +66,8 @@ class Live:
     def _call(self) -> None:
         self._called = False
         self._told.clear()
-        called, self._next = self._next, asyncio.Event()
-        called.set()
+        called, self._next = self._next, asyncio.get_running_loop().create_future()
+        called.set_result(None)
 
     def close(self) -> None:
         """Every listener is let go."""
@@ -70,11 +76,7 @@ class Live:
 
     async def wait(self, timeout: float) -> None:
         """Until something is new, or `timeout` s."""
-        waiting = asyncio.ensure_future(self._next.wait())
-        try:
-            await asyncio.wait([waiting], timeout=timeout)
-        finally:
-            waiting.cancel()
+        await asyncio.wait([self._next], timeout=timeout)
 
     def since(self, number: int, devices: frozenset[str] | None = None) -> tuple[int, str]:
         """What is new after `number`: up to which number, and a JSON list; "" where nothing is.
@@ -92,6 +94,6 @@ class Live:
             if entry.number <= number:
                 break
             if (devices is None or key[0] in devices) and key in self._values.latest:
-                entry.text = entry.text or json.dumps(self._shape(entry.update), allow_nan=False)
+                entry.text = entry.text or self._write(entry.update)
                 texts.append(entry.text)
         return f"[{','.join(reversed(texts))}]" if texts else ""

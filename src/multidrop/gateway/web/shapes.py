@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from datetime import UTC, datetime
+from json import JSONEncoder
+from math import isfinite
 from typing import Any
 
 from multidrop.errors import (
@@ -18,13 +19,15 @@ from multidrop.errors import (
 )
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.history import History
+from multidrop.gateway.line import plain
 from multidrop.gateway.passports import Busy, NoPassport, NotKept, Passports, Taking
 from multidrop.gateway.permission import NotAllowed
 from multidrop.gateway.polled import polled, role_of, target_of
-from multidrop.gateway.values import Update
+from multidrop.gateway.stamps import to_milliseconds
+from multidrop.gateway.values import TEXTS, Update
 from multidrop.io.audit import jsonable, shown
 from multidrop.plantfile import PlantDevice
-from multidrop.points import Point, Reading, Role
+from multidrop.points import Point, Reading, Role, Value
 from multidrop.writing import Written
 
 FAILURES: tuple[tuple[type[Error], int], ...] = (
@@ -42,6 +45,9 @@ FAILURES: tuple[tuple[type[Error], int], ...] = (
 )
 """What went wrong -> HTTP status; the first that fits."""
 
+ENCODE = JSONEncoder(allow_nan=False).encode
+"""`json.dumps` with an argument makes an encoder for each call."""
+
 
 def failure(error: Error) -> tuple[int, dict[str, Any]]:
     """HTTP status and body of what went wrong."""
@@ -51,7 +57,7 @@ def failure(error: Error) -> tuple[int, dict[str, Any]]:
 
 
 def utc(time: datetime) -> str:
-    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return to_milliseconds(time)
 
 
 def now() -> str:
@@ -140,6 +146,35 @@ def value(update: Update) -> dict[str, Any]:
     }
 
 
+def value_text(update: Update) -> str:
+    """`json.dumps(value(update))`, several times as quickly: of every value that is polled."""
+    polled = update.polled
+    reading, error = polled.reading, polled.error
+    if reading is None:
+        known, meaning, fault, time = None, None, None, "null"
+    else:
+        known, meaning, fault = reading.value, reading.meaning, reading.fault
+        time = f'"{to_milliseconds(reading.time)}"'
+    return (
+        f'{{"device": {ENCODE(update.device)}, "point": {ENCODE(update.point)}, '
+        f'"value": {_scalar(known)}, "meaning": {_scalar(meaning)}, '
+        f'"quality": "{TEXTS[polled.quality]}", "fault": {_scalar(fault)}, "time": {time}, '
+        f'"checked": "{to_milliseconds(polled.time)}", '
+        f'"error": {"null" if error is None else ENCODE(str(error))}}}'
+    )
+
+
+def _scalar(value: Value | None) -> str:
+    """A value as `ENCODE` writes it, which for numbers takes long to begin."""
+    if value is None:
+        return "null"
+    if type(value) is int:
+        return repr(value)
+    if type(value) is float and isfinite(value):
+        return repr(value)
+    return ENCODE(jsonable(value))
+
+
 def read_now(device_name: str, reading: Reading) -> dict[str, Any]:
     """A point that was just read."""
     return {
@@ -161,9 +196,9 @@ def status(gateway: Gateway) -> dict[str, Any]:
     history = gateway.parts.get("history")
     return {
         "now": now(),
-        "history": asdict(history.state) if isinstance(history, History) else None,
-        "lines": [asdict(line) for line in gateway.line_health()],
-        "devices": [asdict(gateway.device_health(name)) for name in gateway.plant.devices],
+        "history": plain(history.state) if isinstance(history, History) else None,
+        "lines": [plain(line) for line in gateway.line_health()],
+        "devices": [plain(gateway.device_health(name)) for name in gateway.plant.devices],
         "readings": readings(gateway),
     }
 
