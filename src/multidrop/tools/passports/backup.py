@@ -10,7 +10,7 @@ from pathlib import Path
 
 from multidrop.errors import Error, NoReply, PortError, ProtocolError, UsageError
 from multidrop.io.connection import Connection, Target
-from multidrop.io.readings import in_order, readable
+from multidrop.io.readings import in_a_row, readable
 from multidrop.points import Point, Reading
 from multidrop.tools.passports.passport import Entry, Passport, Unread
 from multidrop.tools.text_file import write_whole
@@ -40,7 +40,7 @@ class Backup:
         What a bad moment of the line hid is tried once more at the end. Raises
         `PortError` when the port is lost, `NoReply` when the device has gone.
         """
-        for point, found in in_order(self.connection, self.points):
+        for point, found in in_a_row(self.connection, self.points):
             self._note(point, found)
             yield point
         hidden = [
@@ -48,7 +48,7 @@ class Backup:
             for point in self.points
             if isinstance(self.failed.get(point.text), NoReply | ProtocolError)
         ]
-        for point, found in in_order(self.connection, hidden):
+        for point, found in in_a_row(self.connection, hidden):
             self._note(point, found)
 
     def _note(self, point: Point, found: Reading | Error) -> None:
