@@ -14,7 +14,7 @@ from multidrop.cli.failures import exit_status, failure, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
 from multidrop.device import KeepsMemory
-from multidrop.errors import UsageError
+from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import keeping
 from multidrop.points import Role
@@ -31,6 +31,7 @@ from multidrop.tools.passports.restore import (
     plan,
     undo,
 )
+from multidrop.tools.text_file import check_place
 
 
 @click.command(
@@ -50,7 +51,8 @@ from multidrop.tools.passports.restore import (
 @click.option("--stop", is_flag=True, help="stop at the first point that is not restored")
 @click.option("--nv", is_flag=True, help="save what was restored, where a device has such a memory")
 @click.option("--undo", "undo_file", metavar="FILE", help="where the passport goes that undoes it")
-@common(force="take a passport with a wrong checksum, of other firmware, past limits", writes=True)
+@click.option("--past-limits", is_flag=True, help="write values that the profile does not allow")
+@common(force="take a passport with a wrong checksum, or of other firmware", writes=True)
 def restore(
     common: Common,
     file: str,
@@ -61,6 +63,7 @@ def restore(
     stop: bool,
     nv: bool,
     undo_file: str | None,
+    past_limits: bool,
 ) -> int:
     """Write the settings of a passport FILE to DEVICE, and read each of them back."""
     wanted = load(Path(file), damaged=common.force)
@@ -69,10 +72,12 @@ def restore(
     if nv:
         keeping(worked_out)
     roles = [Role(role) for role in include]
+    undo_path = Path(undo_file) if undo_file else _undo_path(Path(file))
     if not dry_run:
+        _check_undo(undo_path)
         common.audit().check()
     with common.connect(target) as connection:
-        planned = plan(connection, wanted, roles, force=common.force)
+        planned = plan(connection, wanted, roles, force=common.force, past_limits=past_limits)
         _show_plan(common, planned, device)
         if dry_run or not planned.writes:
             return 0
@@ -82,7 +87,6 @@ def restore(
                 " --while-enabled; nothing was written"
             )
         common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
-        undo_path = Path(undo_file) if undo_file else _undo_path(Path(file))
         save(undo(connection, planned), undo_path)
         click.echo(f"{undo_path} undoes it", err=True)
         verdicts = carry_out(connection, planned, stop=stop, keep=nv)
@@ -99,10 +103,18 @@ def _undo_path(file: Path) -> Path:
     return file.with_name(f"{file.name.removesuffix('.toml')}.undo-{now}.toml")
 
 
+def _check_undo(path: Path) -> None:
+    """It replaces nothing: what is there may be the passport that is restored."""
+    check_place(path, force=True)
+    if path.exists():
+        raise UsageError(f"{path} is there already: the undo passport needs a name of its own")
+
+
 def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
     """Each verdict as it comes; returns the highest exit status."""
     status = 0
     count: Counter[Verdict] = Counter()
+    said: Error | None = None
     for done in verdicts:
         count[done.verdict] += 1
         if done.error is not None:
@@ -111,6 +123,11 @@ def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
             click.echo(_as_line(device, done))
         else:
             _show(done)
+            if (
+                done.error is not None and done.error is not said
+            ):  # that of a device that has gone once
+                report_failure(done.error, done.step.wanted.point)
+            said = done.error or said
     if not common.json:
         click.echo(
             ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
@@ -137,8 +154,6 @@ def _show(done: Restored) -> None:
     if done.step.action is not Action.WRITE:
         return
     click.echo(f"{_label(done.step.wanted):<32} {shown(done.step.wanted)}   {done.verdict}")
-    if done.error is not None:
-        report_failure(done.error, done.step.wanted.point)
 
 
 def _label(entry: Entry) -> str:
