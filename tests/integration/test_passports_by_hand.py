@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import Ran, multidrop
+from integration.processes import Ran, multidrop, running
 from integration.threads import served
 from multidrop.catalog import load_profile
 from multidrop.protocols import slink3
 from multidrop.sim.devices import simulated_device
-from multidrop.sim.line import SimulatedLine
+from multidrop.sim.line import Pace, SimulatedLine
 
 PRESS = """
 [profile]
@@ -205,6 +205,22 @@ def test_a_device_that_vanishes_is_said_once(plant: Plant) -> None:
     assert [line.split()[-1] for line in verdicts] == ["unknown", "not-written", "not-written"]
     assert count == "3 skipped, 1 unknown, 2 not-written"
     assert done.err.count("no reply in 3 attempts") == 1, done.err
+
+
+def test_an_interrupted_restore_says_what_is_done_and_how_to_go_on(plant: Plant) -> None:
+    plant.run("write", "infeed", "ramp=2", "gain=2", "label=two")
+    plant.line.pace = Pace(answer_delay=0.1)
+    with running("restore", "a.toml", "infeed", "--yes", cwd=plant.folder) as program:
+        program.wait_for("ramp (9000)                      0.5 s   restored")
+        done = program.interrupt()
+    assert done.status in (7, 130)  # 7: a write was in flight
+    left = "1 restored, 2 left: the same command goes on"
+    assert left in done.err if done.status == 130 else "not-written" in done.out
+    plant.line.pace = Pace()
+    assert plant.run("restore", "a.toml", "infeed", "--yes").out.splitlines()[-1] in (
+        "2 restored, 1 same, 3 skipped",
+        "1 restored, 2 same, 3 skipped",
+    )
 
 
 class Vanishing:

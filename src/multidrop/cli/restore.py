@@ -90,7 +90,7 @@ def restore(
         save(undo(connection, planned), undo_path)
         click.echo(f"{undo_path} undoes it", err=True)
         verdicts = carry_out(connection, planned, stop=stop, keep=nv)
-        status = _report(common, connection.name, verdicts)
+        status = _report(common, connection.name, planned, verdicts)
     if isinstance(worked_out, KeepsMemory) and not nv:
         click.echo(
             f"only the working values: multidrop save {device} POINT... keeps them", err=True
@@ -110,29 +110,35 @@ def _check_undo(path: Path) -> None:
         raise UsageError(f"{path} is there already: the undo passport needs a name of its own")
 
 
-def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
+def _report(common: Common, device: str, planned: Plan, verdicts: Iterable[Restored]) -> int:
     """Each verdict as it comes; returns the highest exit status."""
     status = 0
     count: Counter[Verdict] = Counter()
     said: Error | None = None
-    for done in verdicts:
-        count[done.verdict] += 1
-        if done.error is not None:
-            status = max(status, exit_status(done.error))
-        if common.json:
-            click.echo(_as_line(device, done))
-        else:
-            _show(done)
-            if (
-                done.error is not None and done.error is not said
-            ):  # that of a device that has gone once
-                report_failure(done.error, done.step.wanted.point)
-            said = done.error or said
+    try:
+        for done in verdicts:
+            count[done.verdict] += 1
+            if done.error is not None:
+                status = max(status, exit_status(done.error))
+            if common.json:
+                click.echo(_as_line(device, done))
+            else:
+                _show(done)
+                if done.error is not None and done.error is not said:  # one for all that are left
+                    report_failure(done.error, done.step.wanted.point)
+                said = done.error or said
+    except KeyboardInterrupt:
+        tried = count.total() - count[Verdict.SAME] - count[Verdict.SKIPPED]
+        left = len(planned.writes) - tried
+        click.echo(f"{_counted(count)}{left} left: the same command goes on", err=True)
+        raise
     if not common.json:
-        click.echo(
-            ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
-        )
+        click.echo(_counted(count).removesuffix(", "))
     return status
+
+
+def _counted(count: Counter[Verdict]) -> str:
+    return "".join(f"{count[verdict]} {verdict}, " for verdict in Verdict if count[verdict])
 
 
 def _show_plan(common: Common, planned: Plan, device: str) -> None:
