@@ -207,6 +207,16 @@ def test_a_device_that_vanishes_is_said_once(plant: Plant) -> None:
     assert done.err.count("no reply in 3 attempts") == 1, done.err
 
 
+def test_a_second_name_of_another_type_hides_no_value(plant: Plant) -> None:
+    file = plant.folder / "press.toml"
+    file.write_text(PRESS + 'other = { at = "9000:float32", role = "setting" }\n')
+    made = plant.run("backup", "infeed", "-o", "a.toml")
+    assert made.out.startswith("a.toml: 6 points of ")
+    assert "could not be read" not in made.out
+    plant.run("write", "infeed", "ramp=2")
+    assert plant.run("diff", "a.toml", "infeed", status=1).out.endswith("0.5 s -> 2 s\n")
+
+
 def test_an_interrupted_restore_says_what_is_done_and_how_to_go_on(plant: Plant) -> None:
     plant.run("write", "infeed", "ramp=2", "gain=2", "label=two")
     plant.line.pace = Pace(answer_delay=0.1)

@@ -74,7 +74,7 @@ class Backup:
         unreadable = {
             point.text: Unread(point.text, point.name, point.role, str(self.failed[point.text]))
             for point in self.points
-            if point.text in self.failed
+            if point.text in self.failed and point.text not in self.found
         }
         in_profile_order = {
             point.text: self.found[point.text] for point in self.points if point.text in self.found
