@@ -1,127 +1,136 @@
-"""Backups and discoveries on paced lines: how near to the line's limit, and how well foretold."""
+"""Backups on paced lines: how near to the line's limit."""
 
 from __future__ import annotations
 
 import subprocess
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from time import monotonic
 
-from bench.measure import Result, line_of
+from bench.discovery import discovery, press
+from bench.measure import Result
+from bench.paced import StampedPort, simulated
 from bench.scan import COMMAND
-from multidrop.io.connection import connect
+from multidrop.catalog import load_profile
+from multidrop.io.connection import Connection, Target
+from multidrop.io.line import Line
+from multidrop.io.ports import open_port
+from multidrop.naming import parse_device
 from multidrop.passports.backup import Backup
-from multidrop.profile import PointDescription, Profile
-from multidrop.tools.profiles.discover import Discovery, Meter
+from multidrop.timing import LineSettings
+from multidrop.tools.profiles.discover import Meter
 from multidrop.tools.profiles.text import toml_text
 
-BACKUPS = ("53mc5000", "ultra3000")
 LEAST_SHARE = 0.97
-INDICES = "8000..9999"
-MOST_WRONG = 0.05
-LISTEN = "tcp://127.0.0.1:0"
 
 
-@contextmanager
-def simulated(device: str) -> Iterator[str]:
-    """A device on a paced line in a process of its own, that answers at once; its port."""
-    arguments = [COMMAND, "simulate", device, "--listen", LISTEN, "--pace", "--delay", "0"]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
-    try:
-        yield line_of(process.stdout).removeprefix("listening on ")
-    finally:
-        process.terminate()
-        process.communicate()
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One backup of all points. Times are in s."""
+
+    settings: LineSettings
+    points: int
+    messages: int
+    characters: int  # both ways
+    took: float  # from the first request to the last answer
+    late: (
+        float  # of that the simulator's: it had a request, or sent an answer, later than it should
+    )
+    own: float  # from an answer's last byte to the next request, without the gap: the median
+
+    @property
+    def limit(self) -> float:
+        """The characters of all messages, and the gaps between them."""
+        gaps = (self.messages - 1) * self.settings.gap
+        return self.characters * self.settings.character + gaps
+
+    @property
+    def share(self) -> float:
+        """Of the line's limit, were the simulator never late."""
+        return self.limit / (self.took - self.late)
+
+    @property
+    def with_simulator(self) -> float:
+        return self.limit / self.took
 
 
 def backups(quick: bool) -> list[Result]:
-    """A backup of all readable points."""
-    return [_backup_row(profile, 1 if quick else 5) for profile in BACKUPS]
+    """A backup of all readable points, of each protocol."""
+    rounds = 1 if quick else 5
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "press.toml"
+        file.write_text(toml_text(press()))
+        return [
+            _row(profile, [_backed_up(profile) for _ in range(rounds)], _command(profile, folder))
+            for profile in (str(file), "53mc5000", "ultra3000")
+        ]
 
 
-def _backup_row(profile: str, rounds: int) -> Result:
-    shares, took, limits = [], [], []
-    with simulated(f"{profile}:0") as port:
-        for _ in range(rounds):
-            with connect(f"{profile}:0@{port},timeout=1") as connection:
-                settings = connection.target.settings
-                meter = Meter(settings.character)
-                connection.line.taps.append(meter)
-                run = Backup.of(connection)
-                started = monotonic()
-                for _ in run.run():
-                    pass
-                took.append(monotonic() - started)
-            limits.append(meter.characters * settings.character + meter.messages * settings.gap)
-            shares.append(limits[-1] / took[-1])
-    points, messages = len(run.points), meter.messages
+def _row(profile: str, runs: list[Run], command: float) -> Result:
+    run = runs[0]
+    name, line = Path(profile).stem, run.settings
+    share = median(run.share for run in runs)
+    late = median(run.late / run.messages for run in runs) * 1000
     return Result(
-        f"backup of a {profile}, all its {points} readable points, paced {settings.baud} {settings.format}",
-        f"the line's limit, {median(limits):.2f} s: characters and gaps",
+        f"backup of a {name}, all its {run.points} readable points, paced {line.baud} {line.format}",
+        f"the line's limit, {run.limit:.2f} s: characters and gaps",
         f">= {LEAST_SHARE:g} of it",
-        f"{median(shares):.3f}",
-        median(shares) >= LEAST_SHARE,
+        f"{share:.3f}",
+        share >= LEAST_SHARE,
         [
-            f"{median(took):.2f} s, {messages} messages, {points / messages:.1f} points and "
-            f"{meter.characters / messages:.1f} characters each, both ways",
+            f"{median(run.took for run in runs):.2f} s, {run.messages} messages, "
+            f"{run.points / run.messages:.1f} points and "
+            f"{run.characters / run.messages:.1f} characters each, both ways",
+            f"with the {late:.2f} ms that the simulator is late in each message: "
+            f"{median(run.with_simulator for run in runs):.3f}",
+            f"from an answer to the next request, beyond the gap: "
+            f"{median(run.own for run in runs) * 1000:.2f} ms median",
+            f"the whole command, from its start to its end: {command:.2f} s",
         ],
     )
 
 
-def discovery(quick: bool) -> list[Result]:
-    """The time that `multidrop discover` says first, and the time that it takes."""
-    rounds = 1 if quick else 3
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "press.toml"
-        path.write_text(toml_text(_press()))
-        few = [_foretold("flexmax") for _ in range(rounds)]
-        many = [_foretold(str(path)) for _ in range(rounds)]
-    worst = max((said / took - 1 for said, took in few), key=abs)
-    beside = []
-    for name, found in (("a few parameters", few), ("a hundred in clusters", many)):
-        said, took = (median(column) for column in zip(*found, strict=True))
-        beside.append(
-            f"with {name}: foretold {said:.1f} s, took {took:.1f} s, {said / took - 1:+.1%}"
-        )
-    return [
-        Result(
-            "time that `multidrop discover` foretells for 2,000 indices of a FlexMax, paced 9600 8E1",
-            "the time that it takes",
-            f"within {MOST_WRONG:.0%}",
-            f"{worst:+.1%}",
-            abs(worst) <= MOST_WRONG,
-            [
-                *beside,
-                "of that what is left after the first 250; how many parameters it has"
-                " is guessed from these",
-            ],
-        )
-    ]
+def _backed_up(profile: str) -> Run:
+    with simulated("TCP", 0.0, profile) as (where, noted):
+        name = f"{Path(profile).stem}:0@{where},timeout=1"  # a simulator that stalls is no silent device
+        target = Target(parse_device(name), load_profile(profile))
+        port = StampedPort(open_port(target.port, target.setup()))
+        line = Line(port, target.settings, target.options)
+        meter = Meter(target.settings.character)
+        line.taps.append(meter)
+        with Connection(target, target.device(), line) as connection:
+            run = Backup.of(connection)
+            started = monotonic()
+            for _ in run.run():
+                pass
+            took = monotonic() - started
+    assert len(noted) == len(port.sent), "a read was repeated"
+    outs = [out for _, out in noted]
+    at_simulator = sum(out - sent for sent, out in zip(port.sent, outs, strict=True))
+    between = [sent - out for sent, out in zip(port.sent[1:], outs, strict=False)]
+    return Run(
+        target.settings,
+        points=len(run.points),
+        messages=len(noted),
+        characters=meter.characters,
+        took=took,
+        late=at_simulator - meter.characters * target.settings.character,
+        own=median(between) - target.settings.gap,
+    )
 
 
-def _foretold(profile: str) -> tuple[float, float]:
-    """s that were foretold, and s that it took."""
-    with simulated(f"{profile}:0") as port, connect(f"flexmax:0@{port},timeout=1") as connection:
-        run = Discovery(connection, INDICES)
-        said = run.estimate()
+def _command(profile: str, folder: str) -> float:
+    """s that `multidrop backup` takes."""
+    with simulated("TCP", 0.0, profile) as (where, _):
+        device = f"{Path(profile).stem}:0@{where},timeout=1"
+        arguments = [COMMAND, "backup", device, "-o", f"{folder}/a.passport.toml", "--force"]
+        if profile.endswith(".toml"):
+            arguments += ["--profile", profile]
         started = monotonic()
-        for _ in run.run():
-            pass
-        return said, monotonic() - started
-
-
-def _press() -> Profile:
-    """A drive with parameters of all types, in clusters and alone."""
-    types = ("int16", "uint16", "int32", "uint32", "float32")
-    places = [*range(8000, 8040), *range(8236, 8260, 3), *range(8700, 8720), *range(9100, 9160, 2)]
-    points = {
-        f"p{at}": PointDescription(f"p{at}", f"{at}:{types[number % len(types)]}")
-        for number, at in enumerate(places)
-    }
-    return Profile("press", "slink3", dialect="flexmax", points=points)
+        subprocess.run(arguments, check=True, stdout=subprocess.DEVNULL)
+        return monotonic() - started
 
 
 def rows(quick: bool) -> list[Result]:

@@ -51,9 +51,11 @@ class Reads:
 
 
 @contextmanager
-def simulated(kind: str, burst_ms: float) -> Iterator[tuple[str, list[tuple[float, float]]]]:
-    """A line in a process of its own: its port, and after the block what it noted of each read."""
-    process = start("simulator", KINDS[kind], str(burst_ms))
+def simulated(
+    kind: str, burst_ms: float, profile: str = "flexmax"
+) -> Iterator[tuple[str, list[tuple[float, float]]]]:
+    """A line in a process of its own: its port, and after the block what it noted of each request."""
+    process = start("simulator", profile, KINDS[kind], str(burst_ms))
     assert process.stdin is not None
     noted: list[tuple[float, float]] = []
     try:

@@ -1,29 +1,17 @@
-"""Reads in a row on a paced line of any protocol: what a read costs beyond the line's own time.
-
-`python -m bench.paced_read PROFILE ANSWER LISTEN BURST_MS` serves the simulated
-device of a profile at address 0 as `bench.simulator` does; an answer has
-ANSWER bytes.
-"""
+"""Reads in a row on a paced line of any protocol: what a read costs beyond the line's own time."""
 
 from __future__ import annotations
 
-import asyncio
-import json
-import sys
 from dataclasses import dataclass
 from time import monotonic
 
-from bench.measure import Result, line_of, start
-from bench.paced import BURSTS, KINDS, READS, Reads, StampedPort, _both, _shown
-from bench.simulator import Watched
+from bench.measure import Result
+from bench.paced import BURSTS, KINDS, READS, Reads, StampedPort, _both, _shown, simulated
 from multidrop.catalog import load_profile
 from multidrop.io.line import Line
 from multidrop.io.ports import PortSetup, open_port
 from multidrop.naming import LineOptions
 from multidrop.protocols import PROTOCOLS
-from multidrop.sim.devices import simulated_device
-from multidrop.sim.line import Pace, SimulatedLine
-from multidrop.sim.serve import serve
 from multidrop.timing import LineSettings
 
 
@@ -66,10 +54,7 @@ def reads(read: PacedRead, kind: str, burst_ms: float) -> Reads:
     )
     point = device.point(read.point)
     finished: list[float] = []
-    process = start("paced_read", read.profile, str(read.answer), KINDS[kind], str(burst_ms))
-    assert process.stdin is not None
-    try:
-        name = json.loads(line_of(process.stdout))
+    with simulated(kind, burst_ms, read.profile) as (name, everything):
         port = StampedPort(open_port(name, PortSetup(settings, LineOptions())))
         with Line(port, settings) as line:
             line.run(device.read(point))  # Datalink looks at its map before
@@ -77,10 +62,7 @@ def reads(read: PacedRead, kind: str, burst_ms: float) -> Reads:
             for _ in range(READS + 1):
                 line.run(device.read(point))
                 finished.append(monotonic())
-        print("report", file=process.stdin, flush=True)
-        noted = json.loads(line_of(process.stdout))[-READS - 1 :]
-    finally:
-        process.communicate()
+    noted = everything[-READS - 1 :]
     assert len(noted) == len(port.sent) == READS + 1, "a read was repeated"
     beyond, late, gaps = [], [], []
     for at in range(1, READS + 1):
@@ -111,40 +93,3 @@ def _result(read: PacedRead, kind: str, series: list[list[Reads]]) -> Result:
         middle <= 0.3 and high <= 2.5,
         beside,
     )
-
-
-class _Watched(Watched):
-    """An end whose answers have as many bytes as its line says."""
-
-    def receive(self, data: bytes, now: float) -> None:
-        super().receive(data, now)
-        assert isinstance(self._line, _WatchedLine)
-        self._left = self._line.answer
-
-
-class _WatchedLine(SimulatedLine):
-    def __init__(self, profile: str, answer: int, burst_ms: float) -> None:
-        line = PROTOCOLS[load_profile(profile).protocol].line
-        pace = Pace(line.character, burst_ms / 1000)
-        super().__init__([simulated_device(profile, 0)], line.decoder, pace=pace)
-        self.answer = answer
-        self.ends: list[_Watched] = []
-
-    def attach(self) -> _Watched:
-        end = _Watched(self, self._decoder())
-        self.ends.append(end)
-        return end
-
-
-async def _serve(profile: str, answer: str, listen: str, burst_ms: str) -> None:
-    line = _WatchedLine(profile, int(answer), float(burst_ms))
-    listener = await serve(line, listen, spin=True)
-    print(json.dumps(listener.port), flush=True)
-    loop = asyncio.get_running_loop()
-    while await loop.run_in_executor(None, sys.stdin.readline):
-        print(json.dumps([read for end in line.ends for read in end.passed]), flush=True)
-    listener.close()
-
-
-if __name__ == "__main__":
-    asyncio.run(_serve(*sys.argv[1:]))

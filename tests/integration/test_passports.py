@@ -7,7 +7,6 @@ import json
 import os
 import random
 import subprocess
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from multidrop.passports.restore import Action, Verdict, carry_out, plan
 from multidrop.points import Point, Role, Value
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, NoFaults, RandomFaults
-from multidrop.sim.line import LineFaults, Pace, SimulatedLine
+from multidrop.sim.line import LineFaults, SimulatedLine
 
 PRESS = """
 [profile]
@@ -183,38 +182,84 @@ def some_of(passport: Passport) -> Passport:
     return replace(passport, points={point: passport.points[point] for point in kept})
 
 
+@pytest.mark.parametrize("rate", [0.0, 0.05], ids=["clean", "faults"])
 def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
-    bench: Bench, tmp_path: Path
+    bench: Bench, tmp_path: Path, rate: float
 ) -> None:
+    """Wherever it was killed, a setting is as it was or as it shall be; what is left is done then."""
     passport = tmp_path / "a.toml"
     with bench.connect() as device:
-        before = backup(device)
+        before = some_of(backup(device))
         save(before, passport)
-        changed = settings_of(device, 10, seed=3)
+        changed = settings_of(device, 10, seed=3, among=before)
         change(device, changed)
-    bench.line.pace = Pace(answer_delay=0.001)
-    started = time.monotonic()
-    bench.run("restore", str(passport), bench.name, "--dry-run")
-    planning = time.monotonic() - started
+        wrong = held(device, changed)
+    with heard(bench.line) as planning:
+        bench.run("restore", str(passport), bench.name, "--dry-run")
+    with heard(bench.line) as whole:
+        restore(bench, passport).wait()
+    faults = RandomFaults(dict.fromkeys(FAULTS, rate / len(FAULTS)), seed=5)
     moments = random.Random(4)
-    arguments = ["restore", str(passport), bench.name, "--yes", "--while-enabled", *bench.options]
+    halves = 0
+    done = {point.text for point in changed}
     for _ in range(KILLS):
-        process = subprocess.Popen(
-            [COMMAND, *arguments],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=environment(),
-        )
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(planning * moments.uniform(0.7, 1.3))
-        process.kill()
-        process.wait()
-    bench.line.pace = Pace()
+        with bench.connect() as device:
+            if len(done) == len(changed):
+                change(device, changed)
+            bench.line.faults = LineFaults(faults, late=0.05)
+            moment = moments.randrange(planning.pieces - 10, whole.pieces)
+            with heard(bench.line, moment) as passed:
+                passed.process = restore(bench, passport)
+                passed.process.wait()
+            bench.line.faults = LineFaults(NoFaults())
+            now = held(device, changed)
+        done = {text for text, raw in now.items() if raw == before.points[text].raw}
+        assert all(now[text] == wrong[text] for text in now if text not in done)
+        halves += 0 < len(done) < len(changed)
+    assert halves, "none was killed between two writes"
     bench.run("restore", str(passport), bench.name, "--yes", "--while-enabled")
     with bench.connect() as device:
-        assert list(differences(before, backup(device))) == []
+        assert list(differences(before, some_of(backup(device)))) == []
     for undo in tmp_path.glob("a.undo-*"):
         load(undo)  # whole, or not there under its name
+
+
+@dataclass
+class Heard:
+    """What passed on a line, counted; at a moment of it a process is killed."""
+
+    moment: int = 0
+    pieces: int = 0
+    process: subprocess.Popen[bytes] | None = None
+
+    def __call__(self, data: bytes, passed_at: float) -> None:
+        self.pieces += 1
+        if self.pieces == self.moment and self.process is not None:
+            self.process.kill()
+
+
+@contextlib.contextmanager
+def heard(line: SimulatedLine, moment: int = 0) -> Iterator[Heard]:
+    ear = Heard(moment)
+    line.ears.append(ear)
+    try:
+        yield ear
+    finally:
+        line.ears.remove(ear)
+
+
+def restore(bench: Bench, passport: Path) -> subprocess.Popen[bytes]:
+    """A restore in a process of its own."""
+    return subprocess.Popen(
+        [COMMAND, "restore", str(passport), bench.name, "--yes", "--while-enabled", *bench.options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=environment(),
+    )
+
+
+def held(device: Connection, points: list[Point]) -> dict[str, str]:
+    return {point.text: device.read(point).raw_text for point in points}
 
 
 def test_another_address_takes_the_passport_and_keeps_its_address(

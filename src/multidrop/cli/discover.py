@@ -49,8 +49,9 @@ def discover(
 ) -> int:
     """Find out which points DEVICE has, by reading; the result is a profile.
 
-    RANGE is FIRST..LAST of indices (slink3), 0xFIRST..0xLAST of parameters
-    (ultra3000) or addresses of memory (datalink); everything without it.
+    RANGE is FIRST..LAST of indices (slink3; 8236.0..15 of subindices, std/FIRST..LAST
+    of standard parameters), 0xFIRST..0xLAST of parameters (ultra3000) or addresses
+    of memory (datalink); everything without it.
     """
     path = Path(output)
     if path.suffix != ".toml":

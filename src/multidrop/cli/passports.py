@@ -10,6 +10,8 @@ import click
 
 from multidrop.cli.options import Common, common
 from multidrop.io.audit import jsonable
+from multidrop.io.connection import Target
+from multidrop.io.text_file import check_place
 from multidrop.passports.backup import Backup, load, save
 from multidrop.passports.backup import backup as back_up
 from multidrop.passports.difference import Difference, differences
@@ -20,12 +22,15 @@ from multidrop.points import shown_value
 @click.command(epilog="Example: multidrop backup ultra3000:0@/dev/ttyUSB0 -o infeed.passport.toml")
 @click.argument("device")
 @click.option("-o", "--output", required=True, metavar="FILE", help="the passport")
-@common(force="replace a file that is no passport")
+@common(force="replace a file that is no passport, or another device's")
 def backup(common: Common, device: str, output: str) -> int:
     """Read every readable point of DEVICE into a passport, a text file."""
     path = Path(output)
-    _check_place(path, common.force)
-    with common.connect(common.target(device)) as connection:
+    target = common.target(device)
+    if not common.force:
+        _check_place(path, target)
+    check_place(path, force=True)
+    with common.connect(target) as connection:
         run = Backup.of(connection)
         with click.progressbar(
             run.run(),
@@ -44,16 +49,18 @@ def backup(common: Common, device: str, output: str) -> int:
     return 0
 
 
-def _check_place(path: Path, force: bool) -> None:
-    """Before a byte is sent: is there a folder, and nothing there that a passport must not replace?"""
+def _check_place(path: Path, target: Target) -> None:
+    """Before a byte is sent: is nothing there but an older passport of the device?"""
     from multidrop.errors import UsageError
 
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: there is no folder {path.parent}")
-    if path.is_dir():
-        raise UsageError(f"{path} is a folder")
-    if path.exists() and not force:
-        load(path, damaged=True)
+    if not path.is_file():
+        return
+    try:
+        there = load(path, damaged=True)
+    except UsageError:
+        raise UsageError(f"{path} is there and no passport; --force replaces it") from None
+    if (there.profile, there.address) != (target.profile.name, target.name.address):
+        raise UsageError(f"{path} is a passport of {there.device}; --force replaces it")
 
 
 def _report(made: Passport, path: Path, *, as_json: bool) -> None:

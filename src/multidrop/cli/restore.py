@@ -14,9 +14,10 @@ from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
 from multidrop.device import KeepsMemory
-from multidrop.errors import UsageError
+from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import keeping
+from multidrop.io.text_file import check_place
 from multidrop.passports.backup import load, save
 from multidrop.passports.passport import Entry
 from multidrop.passports.restore import (
@@ -50,7 +51,8 @@ from multidrop.points import Role
 @click.option("--stop", is_flag=True, help="stop at the first point that is not restored")
 @click.option("--nv", is_flag=True, help="save what was restored, where a device has such a memory")
 @click.option("--undo", "undo_file", metavar="FILE", help="where the passport goes that undoes it")
-@common(force="take a passport with a wrong checksum, of other firmware, past limits", writes=True)
+@click.option("--past-limits", is_flag=True, help="write values that the profile does not allow")
+@common(force="take a passport with a wrong checksum, or of other firmware", writes=True)
 def restore(
     common: Common,
     file: str,
@@ -61,6 +63,7 @@ def restore(
     stop: bool,
     nv: bool,
     undo_file: str | None,
+    past_limits: bool,
 ) -> int:
     """Write the settings of a passport FILE to DEVICE, and read each of them back."""
     wanted = load(Path(file), damaged=common.force)
@@ -69,10 +72,12 @@ def restore(
     if nv:
         keeping(worked_out)
     roles = [Role(role) for role in include]
+    undo_path = Path(undo_file) if undo_file else _undo_path(Path(file))
     if not dry_run:
+        _check_undo(undo_path)
         common.audit().check()
     with common.connect(target) as connection:
-        planned = plan(connection, wanted, roles, force=common.force)
+        planned = plan(connection, wanted, roles, force=common.force, past_limits=past_limits)
         _show_plan(common, planned, device)
         if dry_run or not planned.writes:
             return 0
@@ -82,11 +87,10 @@ def restore(
                 " --while-enabled; nothing was written"
             )
         common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
-        undo_path = Path(undo_file) if undo_file else _undo_path(Path(file))
         save(undo(connection, planned), undo_path)
         click.echo(f"{undo_path} undoes it", err=True)
         verdicts = carry_out(connection, planned, stop=stop, keep=nv)
-        status = _report(common, connection.name, verdicts)
+        status = _report(common, connection.name, planned, verdicts)
     if isinstance(worked_out, KeepsMemory) and not nv:
         click.echo(
             f"only the working values: multidrop save {device} POINT... keeps them", err=True
@@ -99,23 +103,42 @@ def _undo_path(file: Path) -> Path:
     return file.with_name(f"{file.name.removesuffix('.toml')}.undo-{now}.toml")
 
 
-def _report(common: Common, device: str, verdicts: Iterable[Restored]) -> int:
+def _check_undo(path: Path) -> None:
+    """It replaces nothing: what is there may be the passport that is restored."""
+    check_place(path, force=True)
+    if path.exists():
+        raise UsageError(f"{path} is there already: the undo passport needs a name of its own")
+
+
+def _report(common: Common, device: str, planned: Plan, verdicts: Iterable[Restored]) -> int:
     """Each verdict as it comes; returns the highest exit status."""
     status = 0
     count: Counter[Verdict] = Counter()
-    for done in verdicts:
-        count[done.verdict] += 1
-        if done.error is not None:
-            status = max(status, done.error.exit_status)
-        if common.json:
-            click.echo(_as_line(device, done))
-        else:
-            _show(done)
+    said: Error | None = None
+    try:
+        for done in verdicts:
+            count[done.verdict] += 1
+            if done.error is not None:
+                status = max(status, done.error.exit_status)
+            if common.json:
+                click.echo(_as_line(device, done))
+            else:
+                _show(done)
+                if done.error is not None and done.error is not said:  # one for all that are left
+                    report_failure(done.error, done.step.wanted.point)
+                said = done.error or said
+    except KeyboardInterrupt:
+        tried = count.total() - count[Verdict.SAME] - count[Verdict.SKIPPED]
+        left = len(planned.writes) - tried
+        click.echo(f"{_counted(count)}{left} left: the same command goes on", err=True)
+        raise
     if not common.json:
-        click.echo(
-            ", ".join(f"{count[verdict]} {verdict}" for verdict in Verdict if count[verdict])
-        )
+        click.echo(_counted(count).removesuffix(", "))
     return status
+
+
+def _counted(count: Counter[Verdict]) -> str:
+    return "".join(f"{count[verdict]} {verdict}, " for verdict in Verdict if count[verdict])
 
 
 def _show_plan(common: Common, planned: Plan, device: str) -> None:
@@ -137,8 +160,6 @@ def _show(done: Restored) -> None:
     if done.step.action is not Action.WRITE:
         return
     click.echo(f"{_label(done.step.wanted):<32} {shown(done.step.wanted)}   {done.verdict}")
-    if done.error is not None:
-        report_failure(done.error, done.step.wanted.point)
 
 
 def _label(entry: Entry) -> str:

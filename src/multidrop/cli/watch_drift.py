@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_module
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,8 @@ def _round(
     status, differ = 0, False
     for name, device in plant.devices.items():
         drift = look(name, Target(device.device, device.profile), passports)
+        if save and drift.kept is None and drift.now is not None:
+            drift = replace(drift, error=None)  # it gets its first one
         lines = _lines(drift, as_json)
         for line in lines:
             if line not in seen.get(name, ()):

@@ -6,7 +6,7 @@ Blocking; `async_connection.py` has the same for asyncio.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from types import TracebackType
@@ -196,6 +196,19 @@ class Connection(BaseConnection):
         timed = self.line.timed(self.device.read_group(group))
         now = self.line.port.now()
         return self._readings(group, timed, now)
+
+    def read_groups(self, groups: Sequence[Sequence[Point]]) -> Iterator[list[Reading] | Error]:
+        """Read groups of points one behind the other; what went wrong with one is given as its error.
+
+        The next one is on the wire before a group's readings are given, so whoever
+        takes them late has later ones with a time that is late.
+        """
+        asked = map(self.device.read_group, groups)
+        for group, found in zip(groups, self.line.each(asked), strict=True):
+            if isinstance(found, Error):
+                yield found
+            else:
+                yield self._readings(group, found, self.line.port.now())
 
     def write(
         self, point: str, value: Value | str, *, verify: bool = True, force: bool = False

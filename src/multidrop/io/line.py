@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterable
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 from multidrop.conversation import Conversation
+from multidrop.errors import Error, NoReply
 from multidrop.exchange import Exchange
 from multidrop.io.ports import Port, PortSetup, open_port
 from multidrop.naming import LineOptions
@@ -14,6 +15,7 @@ from multidrop.session import Counters, Delays, Session
 from multidrop.timing import LineSettings
 
 ResultT = TypeVar("ResultT")
+StepT = TypeVar("StepT")
 
 MOST_DRAINED = 256
 """Reads, of 4096 bytes at most: a line that never falls silent is found out by the exchange."""
@@ -48,6 +50,7 @@ class Line:
         self.taps: list[Tap] = []
         self.acted = False  # whether the last exchange sent more than reads
         self._session = new_session(settings, options or LineOptions(), network=port.network)
+        self._running: Exchange[Any, Any] | None = None  # waits for its answer
 
     @property
     def counters(self) -> Counters:
@@ -64,30 +67,78 @@ class Line:
 
     def timed(self, conversation: Conversation[Any, ResultT]) -> Timed[ResultT]:
         """The same with the time of the last answer."""
-        port, taps = self.port, self.taps
+        return self._finish(self._begin(conversation))
+
+    def each(
+        self, conversations: Iterable[Conversation[Any, ResultT]]
+    ) -> Generator[Timed[ResultT] | Error, None, None]:
+        """Carry out conversations one behind the other; gives what each returned, or its error.
+
+        Behind an answer the next one begins before the result is given: what is done
+        with that costs the line no time. Behind an error the next one waits until that
+        was given. Something else on this line in between gives up what is on its way.
+        """
+        found: Timed[ResultT] | Error | None = None
+        exchange: Exchange[Any, ResultT] | Error | None = None
+        try:
+            for conversation in conversations:
+                if isinstance(found, Error):
+                    yield found
+                    found = None
+                exchange = _tried(self._begin, conversation)
+                if found is not None:
+                    yield found
+                found = exchange if isinstance(exchange, Error) else _tried(self._finish, exchange)
+            if found is not None:
+                yield found
+        finally:
+            if exchange is self._running:
+                self._give_up()
+
+    def _begin(self, conversation: Conversation[Any, ResultT]) -> Exchange[Any, ResultT]:
+        """Send its first request, if the line has rested; `_finish` has to follow."""
+        self._give_up()
         exchange = Exchange(conversation, self._session)
         self._drain()
+        self._running = exchange
         try:
-            to_send = exchange.start(port.now())
-            while True:
-                if to_send:
-                    port.write(to_send)
-                    if exchange.told is not None:
-                        exchange.written(port.now())
-                    for tap in taps:
-                        tap(to_send, True, exchange.asked_at, False)
-                if exchange.done:
-                    break
-                data = port.read(exchange.deadline - port.now())
-                to_send = self._advance(exchange, data, port.now())
+            self._write(exchange, exchange.start(self.port.now()))
         except BaseException:
-            exchange.abandon(port.now())
+            self._give_up()
             raise
-        finally:
-            self.acted = exchange.acted
+        return exchange
+
+    def _finish(self, exchange: Exchange[Any, ResultT]) -> Timed[ResultT]:
+        port = self.port
+        if exchange is not self._running:
+            raise NoReply(1, because="the line was used for something else")
+        try:
+            while not exchange.done:
+                data = port.read(exchange.deadline - port.now())
+                self._write(exchange, self._advance(exchange, data, port.now()))
+        except BaseException:
+            self._give_up()
+            raise
+        self._running = None
+        self.acted = exchange.acted
         result = exchange.result()
         received_at = exchange.received_at if exchange.received_at is not None else port.now()
         return Timed(result, received_at, received_at - exchange.asked_at)
+
+    def _give_up(self) -> None:
+        """What waits for an answer waits no longer; one that comes late will not be believed."""
+        if self._running is not None:
+            self.acted = self._running.acted
+            self._running.abandon(self.port.now())
+            self._running = None
+
+    def _write(self, exchange: Exchange[Any, Any], to_send: bytes) -> None:
+        if to_send:
+            self.port.write(to_send)
+            if exchange.told is not None:
+                exchange.written(self.port.now())
+            for tap in self.taps:
+                tap(to_send, True, exchange.asked_at, False)
 
     def _advance(self, exchange: Exchange[Any, Any], data: bytes, now: float) -> bytes:
         if not data:
@@ -129,6 +180,13 @@ class Line:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def _tried(step: Callable[[StepT], ResultT], of: StepT) -> ResultT | Error:
+    try:
+        return step(of)
+    except Error as error:
+        return error
 
 
 def open_line(port: str, settings: LineSettings, **options: Any) -> Line:

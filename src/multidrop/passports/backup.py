@@ -10,7 +10,7 @@ from pathlib import Path
 
 from multidrop.errors import Error, NoReply, PortError, ProtocolError, UsageError
 from multidrop.io.connection import BaseConnection, Connection, Target
-from multidrop.io.readings import in_order, readable
+from multidrop.io.readings import in_a_row, readable
 from multidrop.io.text_file import write_whole
 from multidrop.passports.passport import Entry, Passport, Unread
 from multidrop.points import Point, Reading
@@ -61,7 +61,7 @@ class Known:
         unreadable = {
             point.text: Unread(point.text, point.name, point.role, str(self.failed[point.text]))
             for point in self.points
-            if point.text in self.failed
+            if point.text in self.failed and point.text not in self.found
         }
         in_profile_order = {
             point.text: self.found[point.text] for point in self.points if point.text in self.found
@@ -86,10 +86,10 @@ class Backup(Known):
         What a bad moment of the line hid is tried once more at the end. Raises
         `PortError` when the port is lost, `NoReply` when the device has gone.
         """
-        for point, found in in_order(self.connection, self.points):
+        for point, found in in_a_row(self.connection, self.points):
             self.note(point, found)
             yield point
-        for point, found in in_order(self.connection, self.hidden()):
+        for point, found in in_a_row(self.connection, self.hidden()):
             self.note(point, found)
 
 

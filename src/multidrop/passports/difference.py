@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from multidrop.errors import UsageError
 from multidrop.passports.passport import Entry, Passport, Unread
-from multidrop.points import Role
+from multidrop.points import Role, Value
 
 MOVING = frozenset({Role.SETPOINT, Role.COMMAND})
 """Roles that are compared on request only: they change while a machine works."""
@@ -33,7 +33,7 @@ def differences(
     """
     if before.profile != after.profile:
         raise UsageError(
-            f"{before.device} is a {before.profile}, {after.device} a {after.profile}:"
+            f"{before.device} is of profile {before.profile}, {after.device} of {after.profile}:"
             " their points cannot be compared"
         )
     for point in dict.fromkeys([*_points(before), *_points(after)]):
@@ -47,12 +47,19 @@ def differences(
 
 
 def same(one: Entry | Unread | None, other: Entry | Unread | None) -> bool:
-    """Whether both sides hold the same value; two that cannot be read say nothing."""
+    """Whether both sides hold the same value; two that cannot be read say nothing.
+
+    What counts is the value, as somebody may have edited it; equal raw bytes
+    only say that it has the same unit.
+    """
     if isinstance(one, Entry) and isinstance(other, Entry):
-        if one.type == other.type:
-            return one.raw == other.raw or (one.value == other.value and one.unit == other.unit)
-        return one.value == other.value and one.unit == other.unit
+        alike = (one.type, one.raw) == (other.type, other.raw)
+        return _equal(one.value, other.value) and (alike or one.unit == other.unit)
     return isinstance(one, Unread) and isinstance(other, Unread)
+
+
+def _equal(one: Value, other: Value) -> bool:
+    return one == other or (one != one and other != other)  # NaN is not equal to itself
 
 
 def _points(passport: Passport) -> dict[str, Entry | Unread]:

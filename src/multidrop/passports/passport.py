@@ -87,16 +87,20 @@ class Passport:
         """Read a passport. Raises `UsageError` that names file, key and reason.
 
         With `damaged` a wrong checksum is let pass: somebody edited it and says so.
+        One that is missing is not: what was cut short is no whole backup.
         """
         try:
             data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            cut = re.search("^passport = ", text, re.MULTILINE) and _said_sum(text) is None
+            why = "the file was cut short: " if cut else "no passport: "
+            raise UsageError(f"{file}: {why}{error}") from None
         except ValueError as error:  # also for a number of more digits than Python reads
             raise UsageError(f"{file}: no passport: {error}") from None
         except RecursionError:
             raise UsageError(f"{file}: no passport: it is nested too deeply") from None
         _check_version(data, file)
-        if not damaged:
-            _check_sum(text, file)
+        _check_sum(text, file, damaged=damaged)
         return _passport(data, file)
 
 
@@ -124,16 +128,22 @@ def _check_version(data: Mapping[str, Any], file: str) -> None:
         )
 
 
-def _check_sum(text: str, file: str) -> None:
-    content, mark, end = text.rpartition(_CHECKSUM)
-    said = re.search(r'^sha256 = "([0-9a-f]{64})"\s*\Z', end, re.MULTILINE) if mark else None
+def _check_sum(text: str, file: str, *, damaged: bool) -> None:
+    said = _said_sum(text)
     if said is None:
         raise UsageError(f"{file}: the checksum at the end is missing: the file was cut short")
-    if said[1] != _digest(content):
+    if said != _digest(text.rpartition(_CHECKSUM)[0]) and not damaged:
         raise UsageError(
             f"{file}: its checksum does not fit its content: it was damaged, or edited by hand"
             " (--force takes it as it is)"
         )
+
+
+def _said_sum(text: str) -> str | None:
+    """The checksum that stands at the end; None where none does."""
+    end = text.rpartition(_CHECKSUM)[2]
+    found = re.search(r'^sha256 = "([0-9a-f]{64})"\s*\Z', end, re.MULTILINE)
+    return found[1] if found and end != text else None
 
 
 def _digest(content: str) -> str:

@@ -17,7 +17,7 @@ from multidrop.io.readings import in_order
 from multidrop.passports.backup import Backup, entry, passport
 from multidrop.passports.difference import same
 from multidrop.passports.passport import Entry, Passport
-from multidrop.points import Role
+from multidrop.points import Role, Value
 from multidrop.writing import Outcome, Written
 
 ON_REQUEST = (Role.SETPOINT, Role.COMMUNICATION, Role.IDENTITY, Role.UNKNOWN)
@@ -93,21 +93,26 @@ def plan(
     include: Collection[Role] = (),
     *,
     force: bool = False,
+    past_limits: bool = False,
 ) -> Plan:
     """Work out what has to be written, by reading what the device holds now.
+
+    `force` takes a passport of a device that says it is of another model or
+    firmware, `past_limits` values that the profile's limits do not allow.
 
     Raises `UsageError` where the passport does not belong to such a device, or
     holds a value that the profile does not allow: then nothing may be written.
     """
     _check_model(connection, wanted)
-    steps = [_by_rule(connection, item, include, force=force) for item in wanted.points.values()]
-    refused = [step.reason for step in steps if step.reason and step.action is Action.WRITE]
-    if refused:
-        more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
-        raise UsageError(f"the passport does not fit: {refused[0]}{more}; nothing was written")
+    steps = [
+        _by_rule(connection, item, include, past_limits=past_limits)
+        for item in wanted.points.values()
+    ]
+    _check_fits(steps)
     if not force:
         _check_identity(connection, wanted)
     steps = sorted(_compared(connection, steps), key=lambda step: _ORDER.get(step.wanted.role, 9))
+    _check_fits(steps)
     return Plan(steps, connection.line.run(connection.device.running()))
 
 
@@ -156,7 +161,8 @@ def _check_model(connection: Connection, wanted: Passport) -> None:
     profile = connection.target.profile
     if wanted.profile != profile.name:
         raise UsageError(
-            f"the passport is of a {wanted.profile}, the device a {profile.name}; nothing was written"
+            f"the passport is of profile {wanted.profile}, the device of {profile.name};"
+            " nothing was written"
         )
     if wanted.profile_version != profile.version:
         raise UsageError(
@@ -191,8 +197,15 @@ def _writable(connection: Connection, item: Entry) -> bool:
     return description is None or "w" in description.access
 
 
+def _check_fits(steps: Sequence[Step]) -> None:
+    refused = [step.reason for step in steps if step.reason and step.action is Action.WRITE]
+    if refused:
+        more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+        raise UsageError(f"the passport does not fit: {refused[0]}{more}; nothing was written")
+
+
 def _by_rule(
-    connection: Connection, item: Entry, include: Collection[Role], *, force: bool
+    connection: Connection, item: Entry, include: Collection[Role], *, past_limits: bool
 ) -> Step:
     """What can be said of a point before anything is sent. A `WRITE` with a reason cannot be done."""
     if item.role in (Role.MEASURED, Role.COMMAND):
@@ -205,12 +218,14 @@ def _by_rule(
         return Step(item, Action.SKIP, f"not in the profile: {error}")
     if point.description is None:
         return Step(item, Action.SKIP, "not in the profile")
+    if point.text != item.point:  # it may stand there twice, with two values
+        return Step(item, Action.SKIP, f"a passport names this point {point.text}")
     if point.role is not item.role:
         return Step(item, Action.SKIP, f"its role is {point.role} in the profile")
     if "w" not in point.description.access:
         return Step(item, Action.SKIP, "read-only")
     try:
-        write = connection.prepare(item.point, item.value, force=force)
+        write = connection.prepare(item.point, item.value, force=past_limits)
     except UsageError as error:
         return Step(item, Action.WRITE, f"{item.point}: {error}")
     return Step(item, Action.WRITE, write=write)
@@ -233,7 +248,14 @@ def _with_present(step: Step, point: str, held: Backup) -> Step:
     if failed is not None:
         raise failed
     now = held.found[point]
+    if _kind(step.wanted.value) is not _kind(now.value):
+        reason = f"{step.wanted.point}: {step.wanted.value!r}, and the device has {now.value!r}"
+        return replace(step, now=now, reason=reason)
     return replace(step, now=now, action=Action.SAME if same(step.wanted, now) else Action.WRITE)
+
+
+def _kind(value: Value) -> type:
+    return float if type(value) is int else type(value)
 
 
 # -- writing ----------------------------------------------------------------------------------

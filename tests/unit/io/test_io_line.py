@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from multidrop.conversation import Ask, Conversation, Tell, Wait
-from multidrop.errors import NoReply, PortError, UsageError
-from multidrop.io.line import Line, open_line
+from multidrop.errors import DeviceError, NoReply, PortError, UsageError
+from multidrop.io.line import Line, Timed, open_line
 from multidrop.io.memory import FOREVER, MemoryPort
 from multidrop.naming import LineOptions
 from multidrop.protocols import datalink, slink3
@@ -231,6 +231,84 @@ def test_the_number_of_what_was_broken_off_rests() -> None:
     for _ in range(16):
         line.run(AX.read_typed(1009, INT))
     assert numbers == [0, *range(1, 16), 1]
+
+
+def sent_by(line: Line) -> list[bytes]:
+    """What goes out from now on, frame by frame."""
+    sent: list[bytes] = []
+    line.taps.append(lambda data, out, now, damaged: sent.append(data) if out else None)
+    return sent
+
+
+def test_one_behind_the_other_the_next_is_asked_before_a_result_is_given() -> None:
+    line = Line(MemoryPort(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
+    sent = sent_by(line)
+    values, asked = [], []
+    for found in line.each(AX.read_typed(index, INT) for index in (1009, 1009, 1009)):
+        assert isinstance(found, Timed)
+        values.append(found.result.value)
+        asked.append(len(sent))
+    assert values == [125, 125, 125]
+    assert asked == [2, 3, 3]
+
+
+def test_one_behind_the_other_the_gap_is_kept_and_what_is_done_meanwhile_costs_nothing() -> None:
+    line = blocking()
+    started = []
+    line.taps.append(lambda data, out, now, damaged: started.append(now) if out else None)
+    for _ in line.each(AX.read_typed(1009, INT) for _ in range(3)):
+        line.port.read(0.0015)  # less than the gap
+    assert started == pytest.approx([0.0, 0.002, 0.004])
+
+
+def test_an_error_is_given_before_the_next_one_is_asked() -> None:
+    line = blocking(simulated(faults=scripted(None, *[Fault.NO_ANSWER] * 3)))
+    sent = sent_by(line)
+    found, asked = [], []
+    for outcome in line.each(AX.read_typed(index, INT) for index in (1009, 1009, 9999, 1009)):
+        found.append(type(outcome))
+        asked.append(len(sent))
+    assert found == [Timed, NoReply, DeviceError, Timed]
+    assert asked == [1, 4, 5, 6]  # the gap was not over when the first was given
+
+
+def test_who_uses_the_line_in_between_gives_up_what_is_on_its_way() -> None:
+    line = Line(MemoryPort(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
+    each = line.each(AX.read_typed(1009, INT) for _ in range(3))
+    assert isinstance(next(each), Timed)
+    assert line.run(AX.read_typed(1009, INT)).value == 125
+    assert line.counters.foreign == 1  # the answer that nobody waited for
+    broken_off, rest = each
+    assert isinstance(broken_off, NoReply)
+    assert str(broken_off) == "the line was used for something else in 1 attempt"
+    assert isinstance(rest, Timed)
+
+
+def test_who_stops_in_between_gives_up_what_is_on_its_way() -> None:
+    """Its number rests, and its answer is not believed."""
+    line = Line(MemoryPort(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
+    sent = sent_by(line)
+    each = line.each(AX.read_typed(1009, INT) for _ in range(3))
+    next(each)
+    each.close()
+    assert line.run(AX.read_typed(1009, INT)).value == 125
+    assert line.counters.foreign == 1
+    assert [Frame.decode(data).control >> 2 for data in sent] == [0, 1, 2]
+
+
+def test_a_port_that_is_lost_between_two_of_them_loses_no_result() -> None:
+    class Lost(MemoryPort):
+        left = 1
+
+        def write(self, data: bytes) -> None:
+            if not self.left:
+                raise PortError("gone")
+            self.left -= 1
+            super().write(data)
+
+    line = Line(Lost(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
+    found = [type(item) for item in line.each(AX.read_typed(1009, INT) for _ in range(3))]
+    assert found == [Timed, PortError, PortError]
 
 
 def test_a_line_that_is_closed_with_its_block() -> None:

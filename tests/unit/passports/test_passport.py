@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
@@ -75,6 +76,7 @@ def test_a_file_that_passed_through_another_systems_line_ends_is_the_same() -> N
         ("passport = 1\n", "", "no passport: it does not begin with passport = 1"),
         ("passport = 1", "passport = 2", "a passport of format 2; this multidrop reads format 1"),
         ("value = 4.0", "value = ", "no passport: "),
+        ("sha256 = ", "sha257 = ", "the checksum at the end is missing"),
         ("address = 0", "address = true", "address is missing or no whole number"),
         ("baud = 38400\n", "", "baud is missing or no whole number"),
         ("time = 2026-11-22T02:31:07Z", "time = 3", "time is missing or no time"),
@@ -124,8 +126,9 @@ def test_a_changed_value_is_found_by_the_checksum_unless_somebody_says_so() -> N
 def test_every_file_cut_short_is_refused() -> None:
     text = passport(KP, SPEED).to_text()
     for size in range(len(text) - 1):
-        with pytest.raises(UsageError):
-            Passport.from_text(text[:size], "x.toml")
+        for damaged in (False, True):
+            with pytest.raises(UsageError):
+                Passport.from_text(text[:size], "x.toml", damaged=damaged)
 
 
 # -- differences ------------------------------------------------------------------------------
@@ -137,6 +140,17 @@ def found(before: Passport, after: Passport, *, everything: bool = False) -> lis
 
 def test_the_same_has_no_differences() -> None:
     assert found(passport(KP, SPEED, unread=(LOST,)), passport(KP, SPEED, unread=(LOST,))) == []
+
+
+def test_a_value_that_was_edited_differs_though_its_raw_is_the_same() -> None:
+    edited = replace(KP, value=5.0)
+    assert found(passport(edited), passport(KP)) == [Difference("0x011", "kp", edited, KP)]
+
+
+def test_values_that_are_no_numbers_are_the_same_and_equal_raw_has_one_unit() -> None:
+    gain = Entry("9001", "gain", Role.SETTING, float("nan"), None, "float32", "0000C07F")
+    assert found(passport(gain), passport(replace(gain, value=float("nan")))) == []
+    assert found(passport(KP), passport(replace(KP, unit="1/s"))) == []
 
 
 def test_measured_points_are_never_compared_and_setpoints_on_request() -> None:
@@ -168,5 +182,7 @@ def test_another_type_with_the_same_value_is_no_difference() -> None:
 
 
 def test_two_models_cannot_be_compared() -> None:
-    with pytest.raises(UsageError, match=r"is a ultra3000, .* a flexmax: their points cannot"):
+    with pytest.raises(
+        UsageError, match=r"of profile ultra3000, .* of flexmax: their points cannot"
+    ):
         found(passport(KP), passport(profile="flexmax"))

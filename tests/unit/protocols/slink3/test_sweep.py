@@ -131,13 +131,18 @@ def test_what_a_sweep_covers() -> None:
 
     assert covered(None) == ["a", "b"]
     assert covered("0..8") == ["a"]
+    assert covered("0..9.0..3") == ["c"]
+    assert covered("7.2..3") == []
     assert covered("dgfc/0..8") == ["d"]
+    assert covered("std/0..8") == ["e"]
+    assert covered("std/0..8.1") == []
 
 
 def test_ranges() -> None:
     assert of("flexmax").places == range(65536)
     assert of("flexmax", "0x10..0x1F").places == range(16, 32)
     assert of("flexmax", " 8236 ").places == range(8236, 8237)
+    assert of("flexmax", "8236").what == of("flexmax", "std/0x6000..0x6010").what == "indices"
     assert ran(of("flexmax").begin(), lambda frame: frame) == (None, [])
 
 
@@ -148,13 +153,121 @@ def test_ranges() -> None:
         ("9..8", "runs backwards"),
         ("0..65536", "index 65536 of '65536' is out of range"),
         ("drive/0..8", "is no destination of flexmax"),
-        ("std/0..8", "a Drivecom parameter does not carry its type"),
+        ("7.0..256", "subindex 256 of '7.256' is out of range"),
+        ("7.3..2", "runs backwards"),
+        ("7...3", "is not a range of indices"),
     ],
 )
 def test_what_is_no_range(text: str, said: str) -> None:
     with pytest.raises(UsageError) as raised:
         of("flexmax", text)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("profile", "text", "said"),
+    [("ax-v", "7.0..3", "ax-v has no subindex"), ("ax-v", "std/0..8", "no standard parameters")],
+)
+def test_ranges_that_a_dialect_does_not_have(profile: str, text: str, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        of(profile, text)
+
+
+def test_subindices() -> None:
+    swept = of("flexmax", "8236..8237.2..5")
+    assert swept.what == "subindices"
+    assert [swept.where(place) for place in swept.places] == [
+        f"{index}.{subindex}" for index in (8236, 8237) for subindex in (2, 3, 4, 5)
+    ]
+
+    def answer(question: Frame) -> Frame:
+        form, subindex = question.data[0], question.data[3]
+        there = (form, subindex) == (0x86, 4)
+        data = question.data + b"\x05\x00" if there else b""
+        code = 0 if there else 6 if subindex == 4 else 1
+        return Frame(1, question.control, question.order | 1, code, data)
+
+    found = [looked(swept, place, answer) for place in swept.places[:4]]
+    assert found == [
+        ([], 1),
+        ([], 1),
+        ([("index_8236_4", "8236.4:uint16", "it held 5")], 3),
+        ([], 1),
+    ]
+
+
+def standard(known: dict[int, str]) -> Any:
+    """Answers reads of standard parameters: index -> value, or RESPONSE where that is one byte short."""
+
+    def answer(question: Frame) -> Frame:
+        assert question.code == 0x24
+        index, subindex = question.data[0] | question.data[1] << 8, question.data[2]
+        value = known.get(index) if subindex == 0 else None
+        if value is None or len(value) == 1:
+            return Frame(1, question.control, question.order | 1, int(value or "1", 16))
+        data = question.data + bytes.fromhex(value)
+        return Frame(1, question.control, question.order | 1, 0, data)
+
+    return answer
+
+
+def seen(swept: Slink3Sweep, answer: Any) -> list[tuple[str, str, str, object]]:
+    found = []
+    for place in swept.places:
+        items, asked = ran(swept.look(place), answer)
+        assert len(asked) == 1
+        found += [
+            (item.description.name, item.description.at, item.description.note, item.sample)
+            for item in items
+        ]
+    return found
+
+
+def test_a_standard_parameter_has_the_type_that_its_width_allows() -> None:
+    answer = standard({0x6100: "05", 0x6101: "0200", 0x6103: "00000100", 0x6104: "414243"})
+    swept = of("flexmax", "std/0x6100..0x6104")
+    said = "its type is not known, only its width; it held"
+    assert [(name, at, note) for name, at, note, _ in seen(swept, answer)] == [
+        ("std_index_0x6100_0", "std/0x6100.0:uint8", f"{said} 5"),
+        ("std_index_0x6101_0", "std/0x6101.0:uint16", f"{said} 2"),
+        ("std_index_0x6103_0", "std/0x6103.0:uint32", f"{said} 65536"),
+        ("std_index_0x6104_0", "std/0x6104.0:bytes", f"{said} 41 42 43"),
+    ]
+
+
+def test_a_standard_parameter_of_the_profile() -> None:
+    swept = of(
+        own('a = { at = "std/0x6041.0:uint16" }\nb = { at = "std/0x6042.0:int16" }'),
+        "std/0x6041..0x6042",
+    )
+    found = seen(swept, standard({0x6041: "2700", 0x6042: "FFFFFFFF"}))
+    assert found == [
+        ("a", "std/0x6041.0:uint16", "", Sample(0x27, "uint16", b"\x27\0", None)),
+        (
+            "b",
+            "std/0x6042.0:uint32",
+            "the profile has type int16, the device 4 bytes",
+            Sample(0xFFFFFFFF, "uint32", b"\xff" * 4, None),
+        ),
+    ]
+
+
+def test_a_standard_parameter_that_may_not_be_read_is_there() -> None:
+    note = "there, and not read: refused with code 0003h: control access denied"
+    found = seen(of("flexmax", "std/0x6040..0x6100"), standard({0x6040: "3", 0x6100: "3"}))
+    assert [(name, at) for name, at, _, _ in found] == [
+        ("control_word", "std/0x6040.0:uint16"),
+        ("std_index_0x6100_0", "std/0x6100.0:bytes"),
+    ]
+    assert found[1][2:] == (note, None)
+
+
+def test_a_refusal_of_all_standard_parameters_is_raised() -> None:
+    def answer(question: Frame) -> Frame:
+        return Frame(1, question.control, question.order | 1, 0x18)
+
+    with pytest.raises(DeviceError, match="unknown command"):
+        ran(of("flexmax", "std/0x6040").look(0x6040), answer)
 
 
 def test_what_others_were_heard_to_read() -> None:
