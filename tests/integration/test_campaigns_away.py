@@ -71,7 +71,7 @@ def test_a_broker_that_is_killed(tmp_path: Path) -> None:
         before = [len(line.given) for line in lines]
         mosquitto.start()
 
-        async def heard() -> dict[str, list[int]]:
+        async def heard() -> dict[str, list[int | None]]:
             async with watcher(mosquitto) as watching:
                 await asyncio.to_thread(wait_until, connected_again, 45.0)
                 await watching.until("multidrop/status", lambda status: status == "online")
