@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from multidrop.conversation import Conversation
-from multidrop.timing import Format
+from multidrop.decoder import Decoder
+from multidrop.timing import Format, Timing
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +47,15 @@ class Prober(Protocol):
     def identify(self, address: int) -> Conversation[Any, Identity]:
         """Find out with reads who it is that answered the probe. Raises what `Ask` raises."""
         ...
+
+
+def next_probe_at(until: float, last_heard: float, decoder: Decoder[Any], timing: Timing) -> float:
+    """When the next probe may be sent: the answer to the last one is waited for `until` then.
+
+    Not before the line has rested, and not over a frame that is still coming; but a
+    line that never falls silent does not stop a scan for longer than a frame takes.
+    """
+    at = max(until, last_heard + timing.gap)
+    if decoder.unfinished:
+        at = max(at, last_heard + timing.silence)
+    return min(at, until + timing.longest_frame * timing.character + timing.silence)

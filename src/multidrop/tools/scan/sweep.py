@@ -21,6 +21,7 @@ from typing import Any
 from multidrop.device import ProtocolModule
 from multidrop.events import Damaged, FrameReceived
 from multidrop.exchange import LATE
+from multidrop.probing import next_probe_at
 from multidrop.timing import Timing
 
 MOST_SILENT = 20
@@ -138,12 +139,7 @@ class Sweep:
     @property
     def deadline(self) -> float:
         """When `advance` wants to be called even if nothing arrived."""
-        timing = self._timing
-        until = max(self._until, self._last_heard + timing.gap)
-        if self._decoder.unfinished:  # somebody's frame is still coming: do not speak over it
-            until = max(until, self._last_heard + timing.silence)
-        longest = timing.longest_frame * timing.character + timing.silence
-        return min(until, self._until + longest)
+        return next_probe_at(self._until, self._last_heard, self._decoder, self._timing)
 
     def start(self, now: float) -> bytes:
         """Begin; returns the bytes to send."""
