@@ -83,11 +83,11 @@ class DatalinkDevice:
 
     def sizes(self, group: Sequence[Point]) -> list[Sizes]:
         """Without the bytes that stuffing inserts: one in 256, and none in most answers."""
-        messages = pieces(*span(_data_point(point) for point in group))
+        messages = pieces(*span([_data_point(point) for point in group]))
         return [Sizes(OVERHEAD, OVERHEAD + count) for _, count in messages]
 
     def _check_map(self, points: Iterable[DataPoint]) -> Conversation[Frame, None]:
-        if any(point.mapped for point in points):
+        if not self._map_found and any(point.mapped for point in points):
             yield from self.check_map()
 
     def check_map(self) -> Conversation[Frame, None]:

@@ -8,6 +8,7 @@ not answer.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import ceil
 
 from multidrop.conversation import Ask, Conversation, Delay, Tell, TooLate, Wait
@@ -28,6 +29,9 @@ ACKNOWLEDGE_WITHIN = 0.080
 
 SETTLE = 1.0
 """s that an instrument is given to show a change: it applies it at the end of its scan (S)."""
+
+QUESTIONS = 4096
+"""Interrogates that are remembered: what is polled is asked again and again."""
 
 READ_BACK_EVERY = 0.050
 """s between two looks at a change that does not show yet."""
@@ -50,8 +54,7 @@ class Master:
         """Read `count` bytes of memory, at most 32 with each message. Raises `NoReply`."""
         found = b""
         for at, size in pieces(memory_address, count):
-            question = self._frame(Command.INTERROGATE, self.address, at, size)
-            reply = yield Ask(question, repeatable=True)
+            reply = yield _interrogation(self._frame, self.address, at, size)
             found += reply.data
         return found
 
@@ -180,6 +183,11 @@ class Master:
         """Any message that is answered, sent once, to this instrument; its Response."""
         command, _, memory_address, count, data = frame
         return (yield Ask(self._frame(command, self.address, memory_address, count, data)))
+
+
+@lru_cache(QUESTIONS)
+def _interrogation(kind: type[Frame], address: int, at: int, size: int) -> Ask[Frame]:
+    return Ask(kind(Command.INTERROGATE, address, at, size), repeatable=True)
 
 
 def outcome(change: Frame, old: bytes, found: bytes) -> Outcome:

@@ -8,7 +8,7 @@ of the 53SL6000, as far as it is known; nothing identifies it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
@@ -124,9 +124,10 @@ def plan(points: Iterable[StretchT]) -> list[tuple[StretchT, ...]]:
     return [tuple(group) for group in groups]
 
 
-def span(group: Iterable[Stretch]) -> tuple[int, int]:
+def span(points: Sequence[Stretch]) -> tuple[int, int]:
     """The address and the number of bytes that a group covers."""
-    points = list(group)
+    if len(points) == 1:
+        return points[0].memory_address, points[0].count
     start = min(point.memory_address for point in points)
     return start, max(point.memory_address + point.count for point in points) - start
 
@@ -137,5 +138,7 @@ def pieces(memory_address: int, count: int) -> list[tuple[int, int]]:
         raise UsageError(f"{count} bytes of memory cannot be read: at least 1")
     if not 0 <= memory_address < END or memory_address + count > END:
         raise UsageError(f"{count} bytes from {memory_address:04X}h on are not in memory, 0..FFFFh")
+    if count <= MOST_DATA:
+        return [(memory_address, count)]
     end = memory_address + count
     return [(at, min(MOST_DATA, end - at)) for at in range(memory_address, end, MOST_DATA)]

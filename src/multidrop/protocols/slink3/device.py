@@ -20,6 +20,7 @@ from multidrop.protocols.slink3.messages import (
 )
 from multidrop.protocols.slink3.points import ParameterPoint, parse_point, size_of
 from multidrop.protocols.slink3.values import (
+    FORMATS,
     FORMATS_BY_TYPE_NAME,
     Format,
     encode_value,
@@ -48,8 +49,7 @@ class Slink3Device(OneByOne):
         type_code = self._type_of(point)
         if point.standard:
             return self._read_standard(point, type_code or Format.OCTET_STRING)
-        if type_code not in (None, Format.VOID):
-            assert type_code is not None
+        if type_code:  # neither None nor VOID, which is 0
             return self._read_as(point, type_code)
         return self._read_naming(point) if self._names_types(point) else self._read_trying(point)
 
@@ -75,8 +75,8 @@ class Slink3Device(OneByOne):
         found = yield from self.master.read_typed(
             point.index, type_code, point.subindex, point.destination
         )
-        if found.type_code in Format._value2member_map_:
-            self._types[point.text] = Format(found.type_code)
+        if found.type_code in FORMATS:
+            self._types[point.text] = FORMATS[found.type_code]
         return found.sample(self._fault(found.fault))
 
     def _read_naming(self, point: ParameterPoint) -> Conversation[Frame, Sample]:

@@ -7,6 +7,7 @@ A refusal is raised as `DeviceError` where a value was asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 from multidrop.conversation import Ask, Conversation, Tell
@@ -31,6 +32,13 @@ FRAME_ERROR_ATTEMPTS = 3
 
 NO_REFUSALS = (Response.OK, Response.COMMAND_SUBMITTED, Response.OK_BROADCAST)
 """What answers some commands well, and to the others says nothing."""
+
+
+_OK, _OK_BROADCAST = int(Response.OK), int(Response.OK_BROADCAST)
+_BROADCAST_VERIFY = int(Command.BROADCAST_COMMAND_VERIFY)
+
+QUESTIONS = 4096
+"""Reads that are remembered: what is polled is asked again and again."""
 
 
 class ParameterValue(NamedTuple):
@@ -117,16 +125,15 @@ class Master:
         Raises `DeviceError`, `NoReply`, and `ProtocolError` when the slave
         answers with another type than the one asked for.
         """
-        parameter = TypedParameter(type_code, index, subindex)
         self._check_subindex(subindex)
-        reply = yield from self._ask(
-            Command.READ_TYPED_PARAMETER, parameter.encode(), destination, repeatable=True
-        )
+        where = self._where(destination)
+        question = _typed_read(self.address, where, int(type_code), index, subindex)
+        reply = yield from self._answered(question)
         found = TypedParameter.decode(reply.data)
         if found is None:
             raise ProtocolError("the answer to a read is too short", reply.encode())
         answered, raw = found
-        if type_code is not Format.VOID and answered.type_code != type_code:
+        if type_code and answered.type_code != type_code:  # VOID is 0
             raise ProtocolError(
                 f"type {type_name(answered.type_code)} came, {type_code.type_name} was asked for",
                 reply.encode(),
@@ -160,10 +167,8 @@ class Master:
         destination: int | None = None,
     ) -> Conversation[Frame, ParameterValue]:
         """Read a Drivecom parameter (0024). The frame carries no type: the caller must know it."""
-        parameter = StandardParameter(index, subindex)
-        reply = yield from self._ask(
-            Command.READ_STANDARD_PARAMETER, parameter.encode(), destination, repeatable=True
-        )
+        where = self._where(destination)
+        reply = yield from self._answered(_standard_read(self.address, where, index, subindex))
         value = reply.data[3:]  # behind the INDEX and SUBINDEX that made it the answer
         return ParameterValue(type_code, value, reply.in_fault)
 
@@ -243,11 +248,14 @@ class Master:
 
     # -- how every service is asked --------------------------------------------------------
 
-    def _frame(self, code: int, data: bytes, destination: int | None) -> Frame:
+    def _where(self, destination: int | None) -> int:
         where = self.destination if destination is None else destination
         if not 0 <= where <= 7:
             raise UsageError(f"destination {where} is out of range: 0..7")
-        return Frame(self.address, 0, where << 1, code, data)
+        return where
+
+    def _frame(self, code: int, data: bytes, destination: int | None) -> Frame:
+        return Frame(self.address, 0, self._where(destination) << 1, code, data)
 
     def _ask(
         self,
@@ -259,13 +267,20 @@ class Master:
         again_after_frame_error: bool = False,
     ) -> Conversation[Frame, Frame]:
         question = Ask(self._frame(command, data, destination), repeatable)
-        expected = (
-            Response.OK_BROADCAST if command == Command.BROADCAST_COMMAND_VERIFY else Response.OK
-        )
+        return self._answered(question, again_after_frame_error=again_after_frame_error)
+
+    def _answered(
+        self, question: Ask[Frame], *, again_after_frame_error: bool = False
+    ) -> Conversation[Frame, Frame]:
+        """The answer to a question, where that is not a refusal."""
+        command = question.frame.code
+        expected = _OK_BROADCAST if command == _BROADCAST_VERIFY else _OK
         reply = yield question
         if reply.code == expected:
             return reply
-        if self.dialect.frame_error_means_unread and (repeatable or again_after_frame_error):
+        if self.dialect.frame_error_means_unread and (
+            question.repeatable or again_after_frame_error
+        ):
             attempts = 1
             while reply.code == Response.FRAME_ERROR and attempts < FRAME_ERROR_ATTEMPTS:
                 reply = yield question
@@ -290,6 +305,22 @@ class Master:
     def _check_subindex(self, subindex: int | None) -> None:
         if subindex is not None and not self.dialect.subindex:
             raise UsageError(f"{self.dialect.name} has no subindex")
+
+
+@lru_cache(QUESTIONS)
+def _typed_read(
+    address: int, destination: int, type_code: int, index: int, subindex: int | None
+) -> Ask[Frame]:
+    data = TypedParameter(type_code, index, subindex).encode()
+    code = Command.READ_TYPED_PARAMETER
+    return Ask(Frame(address, 0, destination << 1, code, data), repeatable=True)
+
+
+@lru_cache(QUESTIONS)
+def _standard_read(address: int, destination: int, index: int, subindex: int) -> Ask[Frame]:
+    data = StandardParameter(index, subindex).encode()
+    code = Command.READ_STANDARD_PARAMETER
+    return Ask(Frame(address, 0, destination << 1, code, data), repeatable=True)
 
 
 def believed(write: Conversation[Frame, Acknowledged]) -> Conversation[Frame, Acknowledged]:

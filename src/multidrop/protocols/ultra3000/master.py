@@ -8,6 +8,7 @@ speak in digits; what these mean is a profile's. A refusal is raised as
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TypeVar
 
 from multidrop.conversation import Ask, Conversation, Learn, Tell
@@ -48,10 +49,10 @@ class Master:
         """
         if function not in READS:
             raise UsageError(f"function {function:X}h does not read")
-        question = self._frame(parameter, function, index_digits(index))
-        if question.data:
+        question = _read(self.address, parameter, int(function), index)
+        if index is not None:  # an answer that repeats it may equal the question
             yield from self.learn_echo()
-        answer = yield from self._ask(question, repeatable=True)
+        answer = yield from self._ask(question)
         return answer.data
 
     def read_as(
@@ -148,16 +149,29 @@ class Master:
     def send(self, frame: Frame) -> Conversation[Frame, Frame]:
         """Anything that is no plain read, once. Raises `DeviceError`, and `NoReply` when it was lost."""
         yield from self.learn_echo()
-        return (yield from self._ask(frame, repeatable=False))
+        return (yield from self._ask(Ask(frame)))
 
-    def _ask(self, question: Frame, *, repeatable: bool) -> Conversation[Frame, Frame]:
-        answer = yield Ask(question, repeatable)
+    def _ask(self, question: Ask[Frame]) -> Conversation[Frame, Frame]:
+        answer = yield question
         if answer.is_refusal:
             code = int(answer.data, 16)
             raise DeviceError(code, refusal_meaning(code))
         return answer
 
     def _frame(self, parameter: int, function: int, data: str) -> Frame:
-        if not 0 <= parameter <= LAST_PARAMETER:
-            raise UsageError(f"parameter 0x{parameter:X} is out of range: 0x000..0x7FF")
-        return Frame(self.address, parameter, function, data)
+        return _question(self.address, parameter, function, data)
+
+
+def _question(address: int, parameter: int, function: int, data: str) -> Frame:
+    if not 0 <= parameter <= LAST_PARAMETER:
+        raise UsageError(f"parameter 0x{parameter:X} is out of range: 0x000..0x7FF")
+    return Frame(address, parameter, function, data)
+
+
+QUESTIONS = 4096
+"""Reads that are remembered: what is polled is asked again and again."""
+
+
+@lru_cache(QUESTIONS)
+def _read(address: int, parameter: int, function: int, index: int | None) -> Ask[Frame]:
+    return Ask(_question(address, parameter, function, index_digits(index)), repeatable=True)

@@ -82,7 +82,9 @@ def decode_value(kind: Kind, data: str) -> Value:
     if kind is VERSION:
         return f"{int(data[:2], 16)}.{int(data[2:], 16):02}"
     value = int(data, 16)
-    return value - 16**kind.digits if kind.signed and value > kind.limits[1] else value
+    if kind.signed and value >= 8 * 16 ** (kind.digits - 1):
+        value -= 16**kind.digits
+    return value
 
 
 def encode_value(kind: Kind, value: Value) -> str:
@@ -153,7 +155,7 @@ def kind_of_answer(kinds: tuple[Kind, ...], data: str, indexed: int | None) -> t
     the width tells which. Raises `ProtocolError`.
     """
     front = "" if indexed is None else f"{indexed:02X}"
-    if kinds == (HEX,):
+    if kinds[0] is HEX:
         told = front and len(data) in (6, 10) and data.startswith(front)
         return HEX, data[2:] if told else data
     for kind in kinds:
