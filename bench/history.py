@@ -13,6 +13,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from bench.measure import Result
+from bench.postgres_server import server
 from multidrop.gateway.batching import Batching
 from multidrop.gateway.blocks import encode
 from multidrop.gateway.buckets import summary_of
@@ -30,8 +31,6 @@ BLOCK = 100
 ROWS = int(os.environ.get("BENCH_HISTORY_ROWS", "20_000_000"))
 """Rows of the large history; 100 million of them take some 1.2 GB and a quarter of an hour."""
 
-DSN = os.environ.get("MULTIDROP_POSTGRES", "postgresql://postgres@127.0.0.1:5432/test")
-
 
 def rows(quick: bool) -> list[Result]:
     results = []
@@ -42,9 +41,9 @@ def rows(quick: bool) -> list[Result]:
         results.append(
             _day("SQLite", *_large_sqlite(folder / "large.db", ROWS // (10 if quick else 1)))
         )
-        with _postgres(folder) as server:
-            if server is not None:
-                results += _of_postgres(*server, seconds)
+        with server() as dsn:
+            if dsn is not None:
+                results += _of_postgres(dsn, folder, seconds)
     return results
 
 
@@ -177,30 +176,31 @@ def _day(name: str, samples: int, asked: list[float], beside: list[str]) -> Resu
 
 
 @contextmanager
-def _postgres(folder: Path) -> Iterator[tuple[str, Path] | None]:
-    """A schema of its own; None, and a word of it, where there is no server."""
-    try:
-        import psycopg
-        from psycopg import sql
+def _schema(dsn: str) -> Iterator[str]:
+    """A schema of our own."""
+    import psycopg
+    from psycopg import sql
 
-        psycopg.connect(DSN, connect_timeout=3).close()
-    except (ImportError, psycopg.OperationalError) as error:
-        print(f"PostgreSQL is not measured: {error}")
-        yield None
-        return
     schema = f"bench_{uuid.uuid4().hex[:8]}"
     try:
-        yield schema, folder
+        yield schema
     finally:
-        with psycopg.connect(DSN, autocommit=True) as connection:
+        with psycopg.connect(dsn, autocommit=True) as connection:
             connection.execute(sql.SQL("DROP SCHEMA {} CASCADE").format(sql.Identifier(schema)))
 
 
-def _of_postgres(schema: str, folder: Path, seconds: int) -> list[Result]:
+def _of_postgres(dsn: str, folder: Path, seconds: int) -> list[Result]:
+    with _schema(dsn) as schema:
+        written = _write_postgres(dsn, schema, folder, seconds)
+        samples, asked = _large_postgres(dsn, schema)
+    return [written, _day("PostgreSQL", samples, asked, [])]
+
+
+def _write_postgres(dsn: str, schema: str, folder: Path, seconds: int) -> Result:
     from multidrop.gateway.history_postgres import PostgresStore
     from multidrop.gateway.outbox import Outbox
 
-    store: Store = PostgresStore(DSN, Outbox(folder / "outbox.db", 10**9), schema=schema)
+    store: Store = PostgresStore(dsn, Outbox(folder / "outbox.db", 10**9), schema=schema)
     took = wall = 0.0
     for cutting, batches in _batches(seconds):
         began, began_wall = time.process_time(), time.monotonic()
@@ -211,32 +211,30 @@ def _of_postgres(schema: str, folder: Path, seconds: int) -> list[Result]:
         wall += time.monotonic() - began_wall + cutting
     store.close()
     count = POINTS * seconds
-    written = _written("PostgreSQL", count / took, count / wall, count, _size(schema) / count)
-    samples, asked = _large_postgres(schema)
-    return [written, _day("PostgreSQL", samples, asked, [])]
+    return _written("PostgreSQL", count / took, count / wall, count, _size(dsn, schema) / count)
 
 
-def _size(schema: str) -> float:
+def _size(dsn: str, schema: str) -> float:
     import psycopg
 
     query = (
         "SELECT sum(pg_total_relation_size(c.oid)) FROM pg_class c JOIN pg_namespace n "
         "ON n.oid = c.relnamespace WHERE n.nspname = %s AND c.relkind = 'r' AND c.relname <> 'recent'"
     )
-    with psycopg.connect(DSN) as connection:
+    with psycopg.connect(dsn) as connection:
         row = connection.execute(query, (schema,)).fetchone()
     assert row is not None
     return float(row[0])
 
 
-def _large_postgres(schema: str) -> tuple[int, list[float]]:
+def _large_postgres(dsn: str, schema: str) -> tuple[int, list[float]]:
     """A day of 100 points, made by the server itself."""
     import psycopg
 
     from multidrop.gateway.history_postgres import PostgresStore
 
     points = 100
-    with psycopg.connect(DSN) as connection:
+    with psycopg.connect(dsn) as connection:
         connection.execute(f"SET search_path TO {schema}".encode())
         connection.execute("TRUNCATE series, spans, recent, blocks RESTART IDENTITY")
         connection.execute(
@@ -253,9 +251,9 @@ def _large_postgres(schema: str) -> tuple[int, list[float]]:
             "FROM generate_series(0, %s) s, generate_series(1, %s) p ORDER BY b, p, s) AS x GROUP BY b, p ORDER BY b, p",
             (START, BLOCK, DAY - 1, points),
         )
-    with psycopg.connect(DSN, autocommit=True) as connection:
+    with psycopg.connect(dsn, autocommit=True) as connection:
         connection.execute(f"VACUUM ANALYZE {schema}.blocks".encode())
-    store = PostgresStore(DSN, schema=schema)
+    store = PostgresStore(dsn, schema=schema)
     store.series()  # connected, as a gateway is
     asked = []
     for number in (50, 33, 50, 20, 1):
