@@ -169,9 +169,16 @@ class Polling:
         else:
             await self.ask(poll, Priority.POLL)
 
+    async def _until_the_next_check(self) -> None:
+        """`CHECK_AGE`, and once more where this program stood still: it could not even ask meanwhile."""
+        began = self._now()
+        await asyncio.sleep(CHECK_AGE)
+        if self._now() - began > 2 * CHECK_AGE:
+            await asyncio.sleep(CHECK_AGE)
+
     async def _watch_ages(self) -> None:
         while True:
-            await asyncio.sleep(CHECK_AGE)
+            await self._until_the_next_check()
             now = self._now()
             for (name, point), known in self._known.items():
                 late = now - known.said > STALE_AFTER * known.every + 1.0
