@@ -174,6 +174,23 @@ def files_and_functions_are_short(module: str, source: str) -> list[str]:
     return wrong
 
 
+def digits_are_0_to_9(module: str, source: str) -> list[str]:
+    r"""`\d`, isdecimal and plain int options take the digits of every script: `multidrop.numerals` does not."""
+    wrong = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found = r"\d" in node.value
+        elif isinstance(node, ast.Attribute):
+            found = node.attr in ("isdecimal", "isnumeric", "IntRange", "FloatRange")
+        elif isinstance(node, ast.keyword) and node.arg == "type":
+            found = isinstance(node.value, ast.Name) and node.value.id in ("int", "float")
+        else:
+            continue
+        if found and module != "multidrop.cli.numbers":
+            wrong.append(f"{module}:{node.lineno} reads digits of every script")
+    return wrong
+
+
 Rule = Callable[[str, str], list[str]]
 
 RULES: list[Rule] = [
@@ -183,6 +200,7 @@ RULES: list[Rule] = [
     imports_are_absolute,
     nobody_above_knows_a_protocol_by_name,
     files_and_functions_are_short,
+    digits_are_0_to_9,
 ]
 
 VIOLATIONS: list[tuple[Rule, str, str]] = [
@@ -241,6 +259,11 @@ VIOLATIONS: list[tuple[Rule, str, str]] = [
     (files_and_functions_are_short, "multidrop.exchange", "x = 1\n" * 401),
     (files_and_functions_are_short, "multidrop.exchange", "def f():\n" + "    x = 1\n" * 60),
     (files_and_functions_are_short, "multidrop.io.line", "async def f():\n" + "    x = 1\n" * 60),
+    (digits_are_0_to_9, "multidrop.naming", r"re.fullmatch(r'[+-]?\d+', text)"),
+    (digits_are_0_to_9, "multidrop.naming", r"re.compile(rf'\d{most}')"),
+    (digits_are_0_to_9, "multidrop.io.captured", "text.isdecimal()"),
+    (digits_are_0_to_9, "multidrop.cli.scan", "click.option('--baud', type=int)"),
+    (digits_are_0_to_9, "multidrop.cli.scan", "click.option('--every', type=click.FloatRange(0))"),
 ]
 
 ALLOWED: list[tuple[Rule, str, str]] = [
@@ -261,6 +284,8 @@ ALLOWED: list[tuple[Rule, str, str]] = [
     (nobody_above_knows_a_protocol_by_name, "multidrop.cli.main", "import multidrop.protocols"),
     (files_and_functions_are_short, "multidrop.exchange", "x = 1\n" * 400),
     (files_and_functions_are_short, "multidrop.exchange", "def f():\n" + "    x = 1\n" * 59),
+    (digits_are_0_to_9, "multidrop.naming", "re.fullmatch(r'[0-9]+', text) and text.isdigit()"),
+    (digits_are_0_to_9, "multidrop.cli.scan", "click.option('--baud', type=Whole())"),
 ]
 
 

@@ -38,6 +38,10 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         """Let the loop run for so long."""
         self.run_until_complete(asyncio.sleep(seconds))
 
+    def stand_still(self, seconds: float) -> None:
+        """Time passes and nothing runs, as when a call blocks or a machine stalls."""
+        self._clock.now += seconds
+
 
 class WireTransport(asyncio.WriteTransport):
     """A transport whose other end is a `Peer`; delivers to `protocol` what the peer sends."""

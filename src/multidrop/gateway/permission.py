@@ -15,8 +15,6 @@ from multidrop.profile import nearest
 class NotAllowed(UsageError):
     """Nothing was sent: the plant does not allow this write."""
 
-    kind = "not-allowed"
-
 
 def allowed(device: PlantDevice, point: str, role: Callable[[], Role]) -> Limits:
     """The limits of a point that may be written; `role` works out what it is for. Raises `NotAllowed`."""

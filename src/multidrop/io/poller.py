@@ -184,9 +184,16 @@ class Polling:
         else:
             await self.ask(standing, Priority.POLL)
 
+    async def _until_the_next_check(self) -> None:
+        """`CHECK_AGE`, and once more where this program stood still: it could not even ask meanwhile."""
+        began = self._now()
+        await asyncio.sleep(CHECK_AGE)
+        if self._now() - began > 2 * CHECK_AGE:
+            await asyncio.sleep(CHECK_AGE)
+
     async def _watch_ages(self) -> None:
         while True:
-            await asyncio.sleep(CHECK_AGE)
+            await self._until_the_next_check()
             now = self._now()
             late = [
                 known

@@ -134,7 +134,7 @@ def port_error(url: str, error: BaseException) -> PortError:
         reason = "connection refused: nothing listens there"
     elif number == errno.EADDRINUSE:
         reason = "another program listens there already (port 0 takes any free one)"
-    elif number == errno.ENOENT and re.fullmatch(r"[\w.-]+:\d+", url):
+    elif number == errno.ENOENT and re.fullmatch(r"[\w.-]+:[0-9]+", url):
         reason = f"no such port; a device server is tcp://{url}"
     elif number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         reason = "no such port ('multidrop ports' lists the ports of this machine)"

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+from integration.virtual_time import VirtualTimeLoop
 
 from multidrop.errors import (
     DeviceError,
@@ -152,6 +153,28 @@ def test_what_nobody_could_read_for_long_is_stale(monkeypatch: pytest.MonkeyPatc
             assert stale.value == 0
             assert not stale.good
             assert qualities.count(GOOD) <= 9  # at most the one under way and the newest period
+
+    in_world(monkeypatch, 1, test)
+
+
+def test_a_program_that_stood_still_calls_nothing_stale(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine under load, a debugger, a call that blocks: what was due is read before it is judged."""
+
+    async def test(world: World) -> None:
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        async with world.service() as service, polling(service, every(service, 0.5)) as log:
+            await asyncio.sleep(2.2)
+            loop.stand_still(10.0)
+            back = loop.time()
+            await asyncio.sleep(2.0)
+            assert log.qualities("d0").count(GOOD) == len(log.qualities("d0"))
+            assert min(at for at in log.times("d0") if at >= back) < back + 0.5
+            world.unplug()
+            loop.stand_still(10.0)
+            await asyncio.sleep(2.0)
+            assert STALE not in log.qualities("d0")
+            assert log.qualities("d0")[-1] is PORT_LOST
 
     in_world(monkeypatch, 1, test)
 

@@ -45,7 +45,7 @@ def time_of(text: str | None, name: str) -> float:
     if text is None:
         raise UsageError(f"{name} is missing")
     try:
-        if re.fullmatch(r"\d{1,11}(\.\d{1,9})?", text, re.ASCII):
+        if re.fullmatch(r"[0-9]{1,11}(\.[0-9]{1,9})?", text):
             seconds = float(text)
         else:
             time = datetime.fromisoformat(text)
@@ -65,7 +65,7 @@ def most_of(text: str | None) -> int:
     """How many buckets. Raises `UsageError`."""
     if text is None:
         return MOST_BUCKETS
-    if not re.fullmatch(r"\d{1,4}", text, re.ASCII) or not 1 <= int(text) <= MOST_BUCKETS:
+    if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= MOST_BUCKETS:
         raise UsageError(f"most is {text!r}, which is not 1..{MOST_BUCKETS}")
     return int(text)
 

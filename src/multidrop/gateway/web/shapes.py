@@ -48,12 +48,16 @@ FAILURES: tuple[tuple[type[Error], int], ...] = (
 ENCODE = JSONEncoder(allow_nan=False).encode
 """`json.dumps` with an argument makes an encoder for each call."""
 
+NOT_ALLOWED = "not-allowed"
+"""The kind of what the plant file does not allow: HTTP tells that from other misuse, by its status too."""
+
 
 def failure(error: Error) -> tuple[int, dict[str, Any]]:
     """HTTP status and body of what went wrong."""
     status = next((status for which, status in FAILURES if isinstance(error, which)), 500)
+    kind = NOT_ALLOWED if isinstance(error, NotAllowed) else error.kind
     code = getattr(error, "code", None)
-    return status, {"error": {"kind": error.kind, "code": code, "text": str(error)}}
+    return status, {"error": {"kind": kind, "code": code, "text": str(error)}}
 
 
 def utc(time: datetime) -> str:
