@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -18,6 +19,7 @@ import pytest
 from integration.mosquitto import Broker, broker, found
 from integration.processes import PATIENCE, multidrop
 from integration.published import Published, published, ran
+from integration.servers import Connected, Server, serving
 from integration.test_gateway_modbus import mbpoll
 from integration.test_gateway_mqtt import watcher
 from integration.writes import logged
@@ -277,24 +279,19 @@ def test_what_calls_itself_a_broker(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         b"\x20\x02\x00",
     ]
 
-    async def main() -> None:
-        said = iter(garbage * 100)
-        called = 0
+    said = itertools.cycle(garbage)
 
-        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            nonlocal called
-            called += 1
-            await reader.read(1000)
-            writer.write(next(said))
-            await asyncio.sleep(0.05)
-            writer.close()
+    def answer(caller: Connected) -> None:
+        caller.connection.recv(1000)
+        caller.send(next(said))
+        caller.pause(0.05)
 
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
-        port = server.sockets[0].getsockname()[1]
+    async def main(server: Server) -> None:
+        port = server.port.rpartition(":")[2]
         async with published(tmp_path, f'[mqtt]\nhost = "127.0.0.1"\nport = {port}\n') as site:
-            await site.until(lambda: called >= len(garbage))
+            await site.until(lambda: server.connections > len(garbage))
             await site.until_value("infeed", "torque", 0)
             assert any("is away" in text for text in site.said)
-        server.close()
 
-    asyncio.run(main())
+    with serving(answer) as server:
+        asyncio.run(main(server))
