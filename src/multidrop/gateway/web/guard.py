@@ -11,6 +11,9 @@ from multidrop.gateway.web.access import Access, Refused
 LONGEST_BODY = 64 * 1024
 """Bytes of a request's body: a write has less than a hundred."""
 
+ONCE = ("authorization", "content-length", "content-type", "host", "origin")
+"""Headers that decide: two of one might be read as one by us, and as the other by who let it through."""
+
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -47,11 +50,21 @@ class Guard:
             await send(message)
 
         try:
+            demand_clear(headers)
             self._access.check_origin(headers)
         except Refused as refused:
             await refusal(refused)(scope, receive, with_headers)
         else:
             await self._app(scope, _bounded(receive), with_headers)
+
+
+def demand_clear(headers: Headers) -> None:
+    """Raises `Refused` for a request that can be understood in two ways."""
+    for name in ONCE:
+        if len(headers.getlist(name)) > 1:
+            raise Refused(400, f"{name} is given twice")
+    if "content-length" in headers and "transfer-encoding" in headers:
+        raise Refused(400, "content-length and transfer-encoding are given both")
 
 
 def demand_json(headers: Headers) -> None:
