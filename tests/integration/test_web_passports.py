@@ -21,7 +21,7 @@ from multidrop.io.connection import connect
 from multidrop.passports.passport import Passport
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
-from multidrop.sim.line import SimulatedLine
+from multidrop.sim.line import Pace, SimulatedLine
 
 PLANT = """
 [line.axis]
@@ -94,10 +94,10 @@ class Site:
 
 
 @contextlib.contextmanager
-def site_in(folder: Path, character: float = 0.0, plant: str = PLANT) -> Iterator[Site]:
-    line = SimulatedLine(
-        [simulated_device("ultra3000", 0)], ultra3000.decoder, character=0.00002 + character
-    )
+def site_in(folder: Path, delay: float = 0.0, plant: str = PLANT) -> Iterator[Site]:
+    """`delay` is the s that the axis takes for each answer: it has 319 points."""
+    axis = simulated_device("ultra3000", 0)
+    line = SimulatedLine([axis], ultra3000.decoder, pace=Pace(answer_delay=delay))
     with served(line) as place:
         file = folder / "multidrop.toml"
         file.write_text(plant.format(port=place.port), "utf-8")
@@ -333,7 +333,7 @@ def test_a_folder_that_takes_nothing(site: Site) -> None:
 @pytest.fixture(scope="module")
 def slow_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A backup takes about four seconds."""
-    with site_in(tmp_path_factory.mktemp("slow"), character=0.0004) as started:
+    with site_in(tmp_path_factory.mktemp("slow"), delay=0.012) as started:
         yield started
 
 
@@ -440,7 +440,7 @@ def test_a_plant_file_that_was_read_again(slow: Site) -> None:
 
 
 def test_a_gateway_that_is_ended_meanwhile(tmp_path: Path) -> None:
-    with site_in(tmp_path, character=0.0004) as site:
+    with site_in(tmp_path, delay=0.012) as site:
         assert site.post("/api/passports", "axis").status == 200
         under_way(site)
         ended = site.program.interrupt()
