@@ -148,6 +148,9 @@ def test_the_command_line_takes_what_the_gateway_made(site: Site) -> None:
     file = str(site.folder / "kept" / name)
     device = f"ultra3000:0@{site.port},timeout=1"
     assert multidrop("diff", file, device).out == ""
+    shown_on_the_page = ("restore", f"kept/{name}", "axis", "--dry-run")
+    restored = multidrop(*shown_on_the_page, cwd=site.folder)
+    assert (restored.status, "0 to write" in restored.out) == (0, True), restored.err
     plant = str(site.folder / "multidrop.toml")
     alone = Path(plant).with_name("alone.toml")
     spare = '[line.axis.device.spare]\nprofile = "ultra3000"\naddress = 5\n'
