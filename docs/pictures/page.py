@@ -5,6 +5,7 @@ python docs/pictures/page.py    writes docs/pictures/page-*.png, after two minut
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
 
 FOLDER = Path(__file__).parent
 WIDE, NARROW = (1280, 800, 1.0), (390, 780, 1.5)
@@ -53,9 +55,34 @@ class Camera:
         self.driver.get(self._url + view)
         time.sleep(4)
 
+    def click(self, text: str) -> None:
+        """The button that says so."""
+        find = "[...document.querySelectorAll('main button')].find((one) => one.textContent === arguments[0])"
+        self.driver.execute_script(f"{find}.click()", text)
+
+    def wait_for(self, text: str, script: str) -> None:
+        WebDriverWait(self.driver, 60).until(lambda found: text in found.execute_script(script))
+
     def keep(self, name: str) -> None:
         self.driver.save_screenshot(str(FOLDER / f"page-{name}.png"))
         print(f"page-{name}.png")
+
+
+def backups(camera: Camera, token: str) -> None:
+    """A backup, one point that was changed since, and the list of both."""
+    camera.look("#/device/axis", "light")
+    camera.click("Make a backup")
+    camera.wait_for("1", "return String(document.querySelectorAll('.passports tbody tr').length)")
+    write = """fetch("/api/write", {method: "POST", body: arguments[0], headers:
+        {"Content-Type": "application/json", Authorization: `Bearer ${arguments[1]}`}})"""
+    body = json.dumps({"device": "axis", "point": "kp", "value": 9})
+    camera.driver.execute_script(write, body, token)
+    time.sleep(1)
+    camera.click("Changes since")
+    camera.wait_for("1 point", "return document.querySelector('.differences').textContent")
+    camera.click("Backups")
+    time.sleep(1)
+    camera.keep("backups")
 
 
 def main() -> None:
@@ -87,6 +114,7 @@ def main() -> None:
         field.send_keys("900", Keys.ENTER)
         time.sleep(0.5)
         camera.keep("write")
+        backups(camera, token)
     finally:
         camera.driver.quit()
         demo.terminate()

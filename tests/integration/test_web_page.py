@@ -53,6 +53,13 @@ def number(window: Browser, row: str) -> str:
     return window.text(f"{row} .number")
 
 
+def classes(window: Browser, row: str) -> list[str]:
+    """In one go: the page is drawn anew when its server is back."""
+    script = "return [...(document.querySelector(arguments[0])?.classList ?? ['is-old'])]"
+    found: list[str] = window.run(script, row)
+    return found
+
+
 def test_values_move(page: Browser, shared: RunningGateway) -> None:
     for value in (12.5, 13):
         assert shared.client.write("infeed", "feed", value).status == 200
@@ -169,6 +176,32 @@ def test_the_keyboard_is_enough(page: Browser, shared: RunningGateway) -> None:
     assert page.run("return document.activeElement.matches('#view a')")
 
 
+def test_charts_in_print_are_dark_on_white(page: Browser, shared: RunningGateway) -> None:
+    """They are drawn anew, as wide as a page, at once: a printer does not wait. And it says of when they are."""
+    page.scheme("dark")
+    page.open(f"{shared.client.url}#/trends?p=infeed/speed&span=300")
+    page.until(lambda: page.all(".uplot canvas"))
+    darkest = """const canvas = document.querySelector(".uplot canvas");
+        const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+        copy.drawImage(canvas, 0, 0);
+        const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+        let found = 255;
+        for (let at = 0; at < data.length; at += 4)
+          if (data[at + 3] > 200) found = Math.min(found, data[at]);
+        return [found, canvas.clientWidth]"""
+    try:
+        page.until(lambda: page.run(darkest)[0] < 255)
+        assert page.run(darkest)[0] > 30, "light on dark"
+        page.run("dispatchEvent(new Event('beforeprint'))")
+        shade, width = page.run(darkest)
+        assert (shade < 30, width <= 680) == (True, True)
+        assert f"127.0.0.1:{shared.client.port}, " in page.text("#printed")
+        page.run("dispatchEvent(new Event('afterprint'))")
+        page.until(lambda: page.run(darkest)[0] > 30)
+    finally:
+        page.scheme("light")
+
+
 def test_names_from_the_plant_are_text(window: Browser, tmp_path: Path) -> None:
     """A meaning that looks like markup is shown as it is."""
     odd = "<img src=x onerror=alert(1)>"
@@ -187,11 +220,11 @@ def test_a_server_that_is_lost(window: Browser, tmp_path: Path) -> None:
         try:
             window.until(lambda: "Server lost" in window.text("#lost"))
             assert window.text("#link") == "server lost"
-            window.until(lambda: "is-old" in str(window.one(SPEED).get_attribute("class")))
+            window.until(lambda: "is-old" in classes(window, SPEED))
         finally:
             started.program.process.send_signal(signal.SIGCONT)
         window.until(lambda: window.text("#link") == "live")
-        window.until(lambda: "is-old" not in str(window.one(SPEED).get_attribute("class")))
+        window.until(lambda: "is-old" not in classes(window, SPEED))
         started.program.end(signal.SIGTERM)
         window.until(lambda: "Server lost" in window.text("#lost"))
 
@@ -204,3 +237,4 @@ def test_a_device_that_is_lost(window: Browser, tmp_path: Path) -> None:
         card = 'a.device[href="#/device/press"]'
         window.until(lambda: "no reply" in window.text(f"{card} .state"))
         window.until(lambda: "1 of 2 devices are well" in window.text("main .head"))
+        window.until(lambda: "no reply" in window.text("section.line > header"))

@@ -21,7 +21,7 @@ from multidrop.io.connection import connect
 from multidrop.passports.passport import Passport
 from multidrop.protocols import ultra3000
 from multidrop.sim.devices import simulated_device
-from multidrop.sim.line import SimulatedLine
+from multidrop.sim.line import Pace, SimulatedLine
 
 PLANT = """
 [line.axis]
@@ -94,10 +94,10 @@ class Site:
 
 
 @contextlib.contextmanager
-def site_in(folder: Path, character: float = 0.0, plant: str = PLANT) -> Iterator[Site]:
-    line = SimulatedLine(
-        [simulated_device("ultra3000", 0)], ultra3000.decoder, character=0.00002 + character
-    )
+def site_in(folder: Path, delay: float = 0.0, plant: str = PLANT) -> Iterator[Site]:
+    """`delay` is the s that the axis takes for each answer: it has 319 points."""
+    axis = simulated_device("ultra3000", 0)
+    line = SimulatedLine([axis], ultra3000.decoder, pace=Pace(answer_delay=delay))
     with served(line) as place:
         file = folder / "multidrop.toml"
         file.write_text(plant.format(port=place.port), "utf-8")
@@ -148,6 +148,9 @@ def test_the_command_line_takes_what_the_gateway_made(site: Site) -> None:
     file = str(site.folder / "kept" / name)
     device = f"ultra3000:0@{site.port},timeout=1"
     assert multidrop("diff", file, device).out == ""
+    shown_on_the_page = ("restore", f"kept/{name}", "axis", "--dry-run")
+    restored = multidrop(*shown_on_the_page, cwd=site.folder)
+    assert (restored.status, "0 to write" in restored.out) == (0, True), restored.err
     plant = str(site.folder / "multidrop.toml")
     alone = Path(plant).with_name("alone.toml")
     spare = '[line.axis.device.spare]\nprofile = "ultra3000"\naddress = 5\n'
@@ -333,7 +336,7 @@ def test_a_folder_that_takes_nothing(site: Site) -> None:
 @pytest.fixture(scope="module")
 def slow_site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     """A backup takes about four seconds."""
-    with site_in(tmp_path_factory.mktemp("slow"), character=0.0004) as started:
+    with site_in(tmp_path_factory.mktemp("slow"), delay=0.012) as started:
         yield started
 
 
@@ -440,7 +443,7 @@ def test_a_plant_file_that_was_read_again(slow: Site) -> None:
 
 
 def test_a_gateway_that_is_ended_meanwhile(tmp_path: Path) -> None:
-    with site_in(tmp_path, character=0.0004) as site:
+    with site_in(tmp_path, delay=0.012) as site:
         assert site.post("/api/passports", "axis").status == 200
         under_way(site)
         ended = site.program.interrupt()

@@ -41,7 +41,7 @@ def test_made_up_requests(tmp_path: Path, audit: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stdout[-6000:] + done.stderr
-        assert "Tested: 20" in done.stdout, done.stdout[-2000:]
+        assert "Tested: 21" in done.stdout, done.stdout[-2000:]
         assert client.get("/health").json["status"] == "ok"
         assert started.program.process.poll() is None
     records = [json.loads(line) for line in audit.read_text("utf-8").splitlines()]

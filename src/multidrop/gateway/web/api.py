@@ -71,6 +71,9 @@ class Api:
                       schema=ref("Plant")),
             Operation("GET", "/api/status", "How lines and devices are", self.status,
                       schema=ref("Status")),
+            Operation("POST", "/api/status", "Ask a device now how it is: state and fault by name",
+                      self.ask, body=ref("DeviceName"), schema=ref("State"),
+                      statuses=(404, 502, 503, 504)),
             Operation("GET", "/api/values", "The latest value of every point", self.values,
                       parameters=(several,), schema=listed(ref("Value")), statuses=(404,)),
             Operation("GET", "/api/values/{device}/{point}", "The latest value of one point",
@@ -158,6 +161,12 @@ class Api:
         device, point = self._found(text_of(body, "device"), text_of(body, "point"))
         reading = await self.gateway.read(device, point)
         return JSONResponse(shapes.read_now(device, reading))
+
+    async def ask(self, request: Request) -> Response:
+        device = text_of(await body_of(request, ("device",)), "device")
+        self._known_device(device)
+        report = await self.gateway.line_of(device).service.device(device).status()
+        return JSONResponse({"device": device, "lines": report.lines, "time": shapes.now()})
 
     # -- what was ----------------------------------------------------------------------------
 

@@ -155,6 +155,7 @@ SCHEMAS: dict[str, Schema] = {
         **fields(device={**TEXT, "examples": ["infeed"]}),
         "additionalProperties": False,
     },
+    "State": fields(device=TEXT, lines=listed(TEXT), time=TIME),
     "ReadingAll": fields(
         device=TEXT,
         keep={**YES_NO, "description": "whether a passport is made of it"},

@@ -1,6 +1,6 @@
 // The page: which view is shown, whether the server is there, dark or light, who is asking.
 
-import { age, h, say } from "./dom.js";
+import { age, h, moment, say } from "./dom.js";
 import { deviceView } from "./device.js";
 import { faultsView } from "./faults.js";
 import { get, token } from "./link.js";
@@ -14,6 +14,7 @@ const main = document.getElementById("view");
 const link = document.getElementById("link");
 const lost = document.getElementById("lost");
 const who = document.getElementById("who");
+const printed = document.getElementById("printed");
 const themes = document.getElementById("theme");
 
 // -- views: #/NAME/ARGUMENT?QUERY ------------------------------------------------------------
@@ -83,6 +84,13 @@ watch((news) => {
   view?.draw(news);
 });
 setInterval(() => changed(), 1000); // ages go on where nothing comes
+
+// -- on paper, where no age goes on -----------------------------------------------------------
+
+addEventListener("beforeprint", () => {
+  const old = store.lost === null ? "" : "; the server was lost before, so the values are old";
+  say(printed, `${location.host}, ${moment(Date.now())}${old}`);
+});
 
 // -- who is asking ---------------------------------------------------------------------------
 

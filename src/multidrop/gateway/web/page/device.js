@@ -1,5 +1,6 @@
 // One device: how it is, and all its points, live.
 
+import { backupsSection } from "./backups.js";
 import { age, h, mark, number, say, sparkline } from "./dom.js";
 import { post } from "./link.js";
 import { valueNode } from "./overview.js";
@@ -94,11 +95,68 @@ function facts(device) {
   };
 }
 
+const WELL = new Set(["answers", "fault"]);
+const ASK_AGAIN = 5000; // ms after which a device may be asked for its state by itself again
+
+/** Lines as a terminal has them, `name   text` and what goes on below it, as names and texts. */
+function named(lines) {
+  const rows = [];
+  for (const line of lines) {
+    const [, name, text] = /^(\S.*?)\s{2,}(.*)$/.exec(line) ?? [null, "", line.trim()];
+    if (name || !rows.length) rows.push([name, text]);
+    else rows[rows.length - 1][1] += ` · ${text}`;
+  }
+  return rows.flatMap(([name, text]) => [h("dt", {}, name), h("dd", {}, text)]);
+}
+
+/** What the device says of its state and its fault, by name; asked anew when its fault comes or goes. */
+function says(name) {
+  const lines = h("dl");
+  const when = h("span", { class: "small dim" });
+  const button = h("button", { type: "button", class: "quiet", onclick: () => ask() }, "Ask again");
+  const node = h("div", { class: "card says", hidden: true }, lines, h("div", { class: "row" }, when, button));
+  let asked = -Infinity;
+  let time = null; // of the answer, in s of the server's clock
+  let word = null;
+  async function ask() {
+    asked = Date.now();
+    button.disabled = true;
+    try {
+      const found = await post("/api/status", { device: name });
+      time = Date.parse(found.time) / 1000;
+      node.hidden = found.lines.length === 0;
+      lines.replaceChildren(...named(found.lines));
+      mark(node, "is-old", false);
+    } catch (error) {
+      if (error.kind === "usage") return; // its protocol has no such question
+      node.hidden = false;
+      if (time === null) lines.replaceChildren(h("dd", {}, error.message));
+      mark(node, "is-old", time !== null);
+    }
+    button.disabled = false;
+  }
+  return {
+    node,
+    draw(how) {
+      say(when, time === null ? "" : `said ${age(now() - time)} ago`);
+      if (!WELL.has(how.word)) { // nobody is there to ask
+        word = null;
+        mark(node, "is-old", time !== null);
+      } else if (how.word !== word && Date.now() - asked >= ASK_AGAIN) {
+        word = how.word;
+        ask();
+      }
+    },
+  };
+}
+
 export function deviceView(name) {
   const node = h("div");
   const word = h("span", { class: "state" });
   let parts = [];
   let device = null;
+  const told = says(name); // this and the backups stay when the plant is read again, with what they show
+  let backups = null;
   function build() {
     device = store.devices.get(name);
     if (!device) {
@@ -107,8 +165,10 @@ export function deviceView(name) {
       return;
     }
     const rows = device.points.map((point) => row(device, point));
-    const told = facts(device);
-    parts = [told, ...rows];
+    const counted = facts(device);
+    if (backups?.kept === store.plant.parts.includes("passports")) backups.load();
+    else backups = backupsSection(device);
+    parts = [counted, ...rows, backups];
     const all = device.points.slice(0, 6).map((point) => `p=${encodeURIComponent(key(name, point.name))}`);
     node.replaceChildren(
       h("div", { class: "head" },
@@ -116,14 +176,17 @@ export function deviceView(name) {
         word,
         h("span", { class: "push row" },
           h("a", { class: "button", href: `#/trends?${all.join("&")}&span=900` }, "Trends"),
-          h("a", { class: "button", href: `#/wire/${encodeURIComponent(device.line)}?device=${encodeURIComponent(name)}` }, "Wire"))),
+          h("a", { class: "button", href: `#/wire/${encodeURIComponent(device.line)}?device=${encodeURIComponent(name)}` }, "Wire"),
+          h("button", { type: "button", onclick: () => backups.focus() }, "Backups"))),
+      counted.node,
       told.node,
       h("div", { class: "card scroll" },
         h("table", { class: "points" },
           h("thead", {}, h("tr", {},
             h("th", {}, "point"), h("th", { class: "end" }, "value"), h("th", {}, "last 5 min"),
             h("th", { class: "end" }, "age"), h("th", { class: "do" }))),
-          h("tbody", {}, rows.map((one) => one.node)))));
+          h("tbody", {}, rows.map((one) => one.node)))),
+      backups.node);
   }
   build();
   return {
@@ -135,6 +198,7 @@ export function deviceView(name) {
       const how = state(device);
       say(word, how.word);
       word.className = `state ${how.kind}`;
+      told.draw(how);
       for (const part of parts) part.draw();
     },
   };

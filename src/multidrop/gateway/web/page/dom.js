@@ -54,6 +54,11 @@ export function age(seconds) {
   return `${Math.round(s / 86400)} d`;
 }
 
+/** A time as the server gives it, on this clock. */
+export function moment(time) {
+  return new Date(time).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "medium" });
+}
+
 export function percent(share) {
   return `${Math.round(share * 100)} %`;
 }

@@ -1,11 +1,11 @@
 // Why did it trip: what was kept when a device went into fault.
 
-import { h, shown } from "./dom.js";
+import { h, moment, shown } from "./dom.js";
 import { get } from "./link.js";
 import { store } from "./store.js";
 
 function when(time) {
-  return time === null ? "still there" : new Date(time).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "medium" });
+  return time === null ? "still there" : moment(time);
 }
 
 function lasted(trip) {

@@ -80,13 +80,23 @@ function card(device) {
   };
 }
 
+const TROUBLES = [["no_reply", "no reply"], ["damaged", "damaged"], ["foreign", "foreign"]];
+
+/** What went wrong on a line since the gateway started; empty where nothing did. */
+function troubles(health) {
+  const words = TROUBLES.filter(([name]) => health.counters[name]).map(([name, word]) => `${number(health.counters[name])} ${word}`);
+  if (health.missed) words.push(`${number(health.missed)} polls left out`);
+  return words.join(" · ");
+}
+
 function section(line) {
   const bar = fill();
   const settings = h("span", { class: "dim small" });
   const lost = h("span", { class: "state bad", hidden: true });
+  const trouble = h("span", { class: "small dim" });
   const cards = line.devices.map(card);
   const node = h("section", { class: "line" },
-    h("header", {}, h("h2", {}, line.name), settings, lost, h("span", { class: "push" }, bar.node)),
+    h("header", {}, h("h2", {}, line.name), settings, lost, trouble, h("span", { class: "push" }, bar.node)),
     h("div", { class: "cards" }, cards.map((one) => one.node)));
   return {
     node,
@@ -95,6 +105,7 @@ function section(line) {
       say(settings, health ? `${health.protocol}, ${health.settings}, ${line.port}` : line.port);
       lost.hidden = !health?.lost;
       say(lost, health?.lost ?? "");
+      say(trouble, health ? troubles(health) : "");
       bar.draw(health);
       for (const one of cards) one.draw();
     },

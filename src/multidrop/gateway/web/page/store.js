@@ -13,6 +13,7 @@ export const store = {
   past: new Map(), // the same -> {times, values, decimals}
   lines: new Map(), // name -> health
   health: new Map(), // device name -> health
+  readings: new Map(), // device name -> the last reading of all its points
   lost: null, // since when, ms of this clock
   why: null,
 };
@@ -125,6 +126,7 @@ const EVENTS = {
     if (offsets.length > 30) offsets.shift();
     store.lines = new Map(status.lines.map((line) => [line.name, line]));
     store.health = new Map(status.devices.map((device) => [device.name, device]));
+    store.readings = new Map(status.readings.map((one) => [one.device, one]));
     changed();
     remember();
   },

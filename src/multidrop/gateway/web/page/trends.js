@@ -14,8 +14,20 @@ const COLOURS = {
   dark: ["#5fcdb6", "#f2a65a", "#8fb2ff", "#ef8fc0", "#b5d46a", "#c3a6ff", "#6fd3ea", "#e6cc5c", "#ff8b7e", "#8fd19e", "#c4c4c4", "#e0a8da"],
 };
 
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const isDark = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim().startsWith("#e");
+const PAPER = { "--ink": "#000", "--dim": "#333", "--line": "#bbb" };
+const WIDTH_OF_PAPER = 680; // px: what a canvas may have so that no printer cuts its end off
+let printing = false;
+addEventListener("beforeprint", () => paper(true));
+addEventListener("afterprint", () => paper(false));
+
+/** What is drawn is no style, so it is drawn anew: dark on white, and as wide as a page. */
+function paper(on) {
+  printing = on;
+  dispatchEvent(new Event("theme"));
+}
+
+const css = (name) => (printing ? PAPER[name] : undefined) ?? getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const isDark = () => css("--ink").startsWith("#e");
 const colour = (place) => COLOURS[isDark() ? "dark" : "light"][place % MOST];
 
 const two = (value) => String(value).padStart(2, "0");
@@ -135,7 +147,7 @@ function chart(unit, names, places, onZoom) {
   return {
     node, names,
     draw(columns, start, end) {
-      const width = holder.clientWidth;
+      const width = printing ? Math.min(WIDTH_OF_PAPER, holder.clientWidth) : holder.clientWidth;
       if (!width) return;
       const tables = names.map((name) => {
         const known = columns.get(name);
@@ -284,6 +296,7 @@ export function trendsView(query) {
   const again = () => {
     for (const one of charts) one.forget();
     rebuild();
+    drawCharts(); // with what is known: a printer does not wait
   };
   addEventListener("theme", again);
   addEventListener("resize", drawCharts);

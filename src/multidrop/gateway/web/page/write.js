@@ -50,12 +50,12 @@ export function askToken(why) {
   });
 }
 
-/** Whether the caller may write; asks for a token where none is known. */
-async function mayWrite() {
+/** Whether the caller may write; asks for a token where none is known, and says why. */
+export async function mayWrite(why) {
   for (;;) {
     const rights = await get("/api/rights").catch((error) => (error.status === 401 ? { rights: [] } : Promise.reject(error)));
     if (rights.rights.includes("write")) return true;
-    if (!(await askToken(rights.name ? `Token ${rights.name} may not write. Another one is needed.` : undefined))) return false;
+    if (!(await askToken(rights.name ? `Token ${rights.name} may not write. Another one is needed.` : why))) return false;
   }
 }
 
