@@ -14,6 +14,7 @@ from statistics import median
 from time import monotonic
 
 from bench.measure import Result, line_of
+from bench.polls import polls
 from bench.service_lines import service_lines
 from multidrop.io.listen import Listener
 from multidrop.io.polling import Plan
@@ -217,4 +218,5 @@ def rows(quick: bool) -> list[Result]:
         *operator(quick),
         *plugged_in(quick),
         *service_lines(quick),
+        *polls(quick),
     ]
