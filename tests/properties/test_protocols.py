@@ -142,9 +142,10 @@ def served(
         heard = answers(slave, exchange.advance(heard, now), reply)
     try:
         found = exchange.result()
+        said = repr(found)
     except errors.Error as error:
-        found = error
-    return type(found), re.sub(r"\b([0-9A-F]{2} )*[0-9A-F]{2}\b", "", repr(found) + str(found))
+        found, said = error, repr(error) + str(error)
+    return type(found), re.sub(r"\b([0-9A-F]{2} )*[0-9A-F]{2}\b", "", said)
 
 
 def _heard(row: Row, choices: Choices, answer: bytes, sent: bytes) -> bytes:
