@@ -8,8 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from choices import Choices, choices
-from hypothesis import given
+from choices import Choices, tried_with
 from strategies import ROWS, STREAM, Row, cut, sizes, stream
 
 from multidrop import errors
@@ -27,28 +26,28 @@ def events_of(row: Row, pieces: list[bytes]) -> list[Any]:
 
 
 @every_protocol
-@given(choices=choices(64))
+@tried_with(64)
 def test_decode_undoes_encode(row: Row, choices: Choices) -> None:
     frame = row.frame(choices)
     assert row.decode(frame.encode()) == frame
 
 
 @every_protocol
-@given(choices=choices(STREAM))
+@tried_with(STREAM)
 def test_chunking_changes_no_event(row: Row, choices: Choices) -> None:
     pieces = cut(raw := stream(row, choices), sizes(choices))
     assert events_of(row, pieces) == events_of(row, [raw])
 
 
 @every_protocol
-@given(choices=choices(STREAM))
+@tried_with(STREAM)
 def test_every_byte_comes_out_once(row: Row, choices: Choices) -> None:
     pieces = cut(raw := stream(row, choices), sizes(choices))
     assert b"".join(event.raw for event in events_of(row, pieces)) == raw
 
 
 @every_protocol
-@given(choices=choices(STREAM))
+@tried_with(STREAM)
 def test_after_silence_the_next_frame_is_found(row: Row, choices: Choices) -> None:
     frame, decoder = row.frame(choices), row.decoder()
     decoder.receive_data(stream(row, choices))
@@ -59,7 +58,7 @@ def test_after_silence_the_next_frame_is_found(row: Row, choices: Choices) -> No
 
 
 @every_protocol
-@given(choices=choices(128))
+@tried_with(128)
 def test_bytes_that_begin_no_frame_cost_no_frame(row: Row, choices: Choices) -> None:
     def noise(choices: Choices) -> bytes:
         return bytes(choices.times(5, lambda choices: choices.of(row.harmless)))
@@ -71,7 +70,7 @@ def test_bytes_that_begin_no_frame_cost_no_frame(row: Row, choices: Choices) -> 
 
 
 @every_protocol
-@given(choices=choices(512))
+@tried_with(512)
 def test_no_input_raises_in_a_slave(row: Row, choices: Choices) -> None:
     slave, decoder = row.slave(choices), row.decoder()
     for piece in [*cut(stream(row, choices), sizes(choices)), b""]:
@@ -83,7 +82,7 @@ def test_no_input_raises_in_a_slave(row: Row, choices: Choices) -> None:
 
 
 @every_protocol
-@given(choices=choices(512))
+@tried_with(512)
 def test_no_input_raises_in_a_master(row: Row, choices: Choices) -> None:
     """A line that answers well, badly, late or not at all; the one after it is served as ever."""
     now = 10.0
