@@ -9,8 +9,12 @@ lengths, and behind the last byte everything is 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import update_wrapper
+from inspect import signature
+from math import ceil
 from typing import TypeVar
 
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 
@@ -18,6 +22,13 @@ T = TypeVar("T")
 
 PERIOD = 16
 """Bytes of its own that a long piece has: it repeats them."""
+
+
+TOGETHER = 10
+"""Cases of an example, where they are not too many bytes for Hypothesis to shrink."""
+
+MOST_BYTES = 2560
+LEAST_EXAMPLES = 20
 
 
 class Choices:
@@ -61,10 +72,40 @@ class Choices:
         return [one(self) for _ in range(self.to(most))]
 
 
-def choices(size: int) -> SearchStrategy[Choices]:
-    return st.binary(min_size=size, max_size=size).map(Choices)
+def tried_with(size: int) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A property of `choices` made of `size` bytes each: as many cases as the profile says.
+
+    Every example is some cases together, since what Hypothesis does for an example
+    takes longer than most of them. Whatever else the property takes, pytest gives.
+    """
+
+    def decorate(prop: Callable[..., None]) -> Callable[..., None]:
+        known = signature(prop)
+        drawn = known.replace(
+            parameters=[
+                item.replace(name="raw") if name == "choices" else item
+                for name, item in known.parameters.items()
+            ]
+        )
+
+        def tried(*args: object, **named: object) -> None:
+            others = drawn.bind(*args, **named).arguments
+            raw = others.pop("raw")
+            for at in range(0, len(raw), size):
+                prop(choices=Choices(raw[at : at + size]), **others)
+
+        update_wrapper(tried, prop)
+        del tried.__wrapped__  # type: ignore[attr-defined]  # its signature is another one
+        tried.__signature__ = drawn  # type: ignore[attr-defined]
+        assert settings.default is not None
+        together = min(TOGETHER, MOST_BYTES // size)
+        examples = max(LEAST_EXAMPLES, ceil(settings.default.max_examples / together))
+        many = st.binary(min_size=together * size, max_size=together * size)
+        return settings(max_examples=examples)(given(raw=many)(tried))
+
+    return decorate
 
 
 def decoded(one: Callable[[Choices], T], size: int = 64) -> SearchStrategy[T]:
     """What `one` makes of the choices in `size` bytes."""
-    return choices(size).map(one)
+    return st.binary(min_size=size, max_size=size).map(lambda raw: one(Choices(raw)))

@@ -314,7 +314,7 @@ class Exchange(Generic[FrameT, ResultT]):
         else:
             assert self._sent is not None
             assert isinstance(self._step, Ask)
-            as_good = self._step.repeatable and not (self._step.rests or self.acted)
+            as_good = not (self._step.rests or self.acted)
             self._session.unanswered.give_up(self._sent, now, as_good=as_good)
 
     def _fail(self, because: str, now: float) -> bytes:

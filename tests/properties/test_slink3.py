@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
-from choices import Choices, choices
+from choices import Choices, tried_with
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
@@ -217,7 +217,7 @@ def converse(
         sent = exchange.advance(line.deliver(now), now)
 
 
-@given(choices(128))
+@tried_with(128)
 def test_what_a_master_reports_is_true(choices: Choices) -> None:
     """Confirmed is in the slave, what was read is in the slave, and nothing is written too often."""
     role = choices.of((Role.SETTING, Role.COMMAND))

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
+from multidrop.errors import ProtocolError
 from multidrop.events import FrameReceived
 from multidrop.exchange import Exchange
 from multidrop.protocols.datalink import LINE, Command, Frame, Master, Slave
@@ -41,10 +44,12 @@ class Line:
                 self.echoes.append(self.slave.answer(request, request.settled))
 
 
-def begun(line: Line) -> Exchange[Frame, Any]:
-    """A Change that went out."""
+def begun(line: Line, now: float = NOW) -> Exchange[Frame, Any]:
+    """A change that is asked for."""
     exchange = Exchange(Master(3).change(AT, WANTED), line.session)
-    line.hear(exchange.start(NOW))
+    sent = exchange.start(now)
+    if sent:
+        line.hear(sent)
     return exchange
 
 
@@ -69,3 +74,44 @@ def test_a_late_echo_does_not_vouch_for_the_second_attempt() -> None:
     exchange = begun(line)
     comes(line, exchange, line.echoes[0], NOW + LATE)
     assert line.acknowledged == []
+
+
+def test_the_second_attempt_is_carried_out_once_its_own_echo_is_right() -> None:
+    line = Line()
+    exchange = begun(line)
+    comes(line, exchange, line.echoes[0], NOW + LATE)
+    until(line, exchange, NOW + 1.5)
+    assert len(line.echoes) == 1
+    until(line, exchange, NOW + 1.7)
+    assert len(line.echoes) == 2
+    exchange.advance(b"", (asked := exchange.asked_at) + 0.005)
+    line.hear(exchange.advance(line.echoes[1], asked + 0.010))
+    assert line.acknowledged == [WANTED]
+    assert exchange.result() is None
+
+
+def test_nor_does_it_vouch_for_somebody_elses_change_to_the_same() -> None:
+    """One that was given up, or that nobody waits for any more."""
+    line = Line()
+    line.mishears = {1}
+    first = begun(line)
+    first.abandon(NOW + 0.05)
+    second = begun(line, NOW + 0.06)
+    comes(line, second, line.echoes[0], NOW + LATE)
+    until(line, second, NOW + 1.7)
+    second.advance(line.echoes[1], NOW + 1.7)
+    assert line.acknowledged == []
+    with pytest.raises(ProtocolError):
+        second.result()
+
+
+def test_an_echo_that_comes_twice_is_no_answer_to_what_is_asked_behind_the_acknowledge() -> None:
+    line = Line()
+    exchange = begun(line)
+    line.hear(exchange.advance(line.echoes[0] * 2, NOW + 0.05))
+    assert line.acknowledged == [WANTED]
+    change = Master(3).change_message(AT, WANTED)
+    reading = Exchange(Master(3).memory_of(change), line.session)
+    reading.start(NOW + 0.06)
+    reading.advance(line.echoes[0], NOW + 0.07)
+    assert not reading.done
