@@ -35,6 +35,7 @@ ROWS: dict[str, Callable[[bool], list[Result]]] = {
     "share": share,
     "service": service.rows,
     "history": history.rows,
+    "history_large": history.large,
     "gateway": gateway.rows,
     "gateway_lines": gateway_lines.rows,
     "gateway_minutes": gateway.memory,
