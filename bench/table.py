@@ -58,7 +58,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="bench", description="Measures multidrop against its peers."
     )
-    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"which of {' '.join(ROWS)}; all but {' '.join(LONG)}")
+    parser.add_argument(
+        "rows",
+        nargs="*",
+        metavar="ROW",
+        help=f"which of {' '.join(ROWS)}; all but {' '.join(LONG)}",
+    )
     parser.add_argument("--quick", action="store_true", help="fewer and shorter rounds")
     parser.add_argument("--write", action="store_true", help="keep the table in bench/README.md")
     chosen = parser.parse_args()
