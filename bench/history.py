@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 import random
 import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from itertools import accumulate
 from pathlib import Path
 
@@ -28,8 +27,8 @@ DAY = 86_400
 BLOCK = 100
 """Samples of a block where 2,000 points are recorded once a second."""
 
-ROWS = int(os.environ.get("BENCH_HISTORY_ROWS", "20_000_000"))
-"""Rows of the large history; 100 million of them take some 1.2 GB and a quarter of an hour."""
+ROWS, MOST_ROWS = 20_000_000, 100_000_000
+"""Samples out of which a day is asked for; those of `large` take some 1.2 GB and a quarter of an hour."""
 
 
 def rows(quick: bool) -> list[Result]:
@@ -38,13 +37,30 @@ def rows(quick: bool) -> list[Result]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         results.append(_written("SQLite", *_write_sqlite(folder / "written.db", seconds)))
-        results.append(
-            _day("SQLite", *_large_sqlite(folder / "large.db", ROWS // (10 if quick else 1)))
-        )
+        results += _asked(folder / "large.db", ROWS, quick)
         with server() as dsn:
             if dsn is not None:
-                results += _of_postgres(dsn, folder, seconds)
+                with _schema(dsn) as schema:
+                    results.append(_write_postgres(dsn, schema, folder, seconds))
+                results += _asked_postgres(dsn, ROWS, quick)
     return results
+
+
+def large(quick: bool) -> list[Result]:
+    """The same question to as many samples as a plant has after some weeks."""
+    with tempfile.TemporaryDirectory() as name, server() as dsn:
+        results = _asked(Path(name) / "large.db", MOST_ROWS, quick)
+        return results if dsn is None else [*results, *_asked_postgres(dsn, MOST_ROWS, quick)]
+
+
+def _asked(path: Path, samples: int, quick: bool) -> list[Result]:
+    return [_day("SQLite", *_large_sqlite(path, samples // (10 if quick else 1)))]
+
+
+def _asked_postgres(dsn: str, samples: int, quick: bool) -> list[Result]:
+    with _schema(dsn) as schema:
+        points = samples // (10 if quick else 1) // DAY
+        return [_day("PostgreSQL", *_large_postgres(dsn, schema, points), [])]
 
 
 def _values() -> Callable[[], list[Kept]]:
@@ -175,7 +191,7 @@ def _day(name: str, samples: int, asked: list[float], beside: list[str]) -> Resu
 # -- PostgreSQL ----------------------------------------------------------------------------------
 
 
-@contextmanager
+@contextlib.contextmanager
 def _schema(dsn: str) -> Iterator[str]:
     """A schema of our own."""
     import psycopg
@@ -187,13 +203,6 @@ def _schema(dsn: str) -> Iterator[str]:
     finally:
         with psycopg.connect(dsn, autocommit=True) as connection:
             connection.execute(sql.SQL("DROP SCHEMA {} CASCADE").format(sql.Identifier(schema)))
-
-
-def _of_postgres(dsn: str, folder: Path, seconds: int) -> list[Result]:
-    with _schema(dsn) as schema:
-        written = _write_postgres(dsn, schema, folder, seconds)
-        samples, asked = _large_postgres(dsn, schema)
-    return [written, _day("PostgreSQL", samples, asked, [])]
 
 
 def _write_postgres(dsn: str, schema: str, folder: Path, seconds: int) -> Result:
@@ -227,16 +236,21 @@ def _size(dsn: str, schema: str) -> float:
     return float(row[0])
 
 
-def _large_postgres(dsn: str, schema: str) -> tuple[int, list[float]]:
-    """A day of 100 points, made by the server itself."""
-    import psycopg
-
+def _large_postgres(dsn: str, schema: str, points: int) -> tuple[int, list[float]]:
+    """A day of so many points, made by the server itself, a hundred at a time."""
     from multidrop.gateway.history_postgres import PostgresStore
 
-    points = 100
+    with contextlib.closing(PostgresStore(dsn, schema=schema)) as store:
+        store.gaps(START, START + 1)  # it is connected, as a gateway is, and has made its tables
+        _fill_postgres(dsn, schema, points)
+        return points * DAY, _ask_postgres(store, points)
+
+
+def _fill_postgres(dsn: str, schema: str, points: int) -> None:
+    import psycopg
+
     with psycopg.connect(dsn) as connection:
         connection.execute(f"SET search_path TO {schema}".encode())
-        connection.execute("TRUNCATE series, spans, recent, blocks RESTART IDENTITY")
         connection.execute(
             "INSERT INTO series (device, point) SELECT 'd', 'p' || n FROM generate_series(1, %s) n",
             (points,),
@@ -245,21 +259,22 @@ def _large_postgres(dsn: str, schema: str) -> tuple[int, list[float]]:
             "INSERT INTO spans (run, number, start, until, shift, ended, batch) VALUES ('r', 1, %s, %s, 0, '', 1)",
             (START, START + DAY * 1_000_000),
         )
-        connection.execute(
-            "INSERT INTO blocks SELECT min(t), max(t), min(v), max(v), max(v), p, 1, count(*), false, NULL, "
-            "array_agg(t), array_agg(v) FROM (SELECT p, %s + s * 1000000::bigint AS t, random() AS v, s / %s AS b "
-            "FROM generate_series(0, %s) s, generate_series(1, %s) p ORDER BY b, p, s) AS x GROUP BY b, p ORDER BY b, p",
-            (START, BLOCK, DAY - 1, points),
-        )
+        for first in range(1, points + 1, BLOCK):
+            connection.execute(
+                "INSERT INTO blocks SELECT min(t), max(t), min(v), max(v), max(v), p, 1, count(*), false, NULL, "
+                "array_agg(t), array_agg(v) FROM (SELECT p, %s + s * 1000000::bigint AS t, random() AS v, s / %s AS b "
+                "FROM generate_series(0, %s) s, generate_series(%s::int, %s::int) p ORDER BY b, p, s) AS x GROUP BY b, p ORDER BY b, p",
+                (START, BLOCK, DAY - 1, first, min(first + BLOCK - 1, points)),
+            )
     with psycopg.connect(dsn, autocommit=True) as connection:
         connection.execute(f"VACUUM ANALYZE {schema}.blocks".encode())
-    store = PostgresStore(dsn, schema=schema)
-    store.series()  # connected, as a gateway is
+
+
+def _ask_postgres(store: Store, points: int) -> list[float]:
     asked = []
-    for number in (50, 33, 50, 20, 1):
+    for number in (points // 2, points // 3, points // 2, points // 5, 1):
         began = time.monotonic()
         buckets = store.buckets("d", f"p{number}", START, START + DAY * 1_000_000)
         asked.append(time.monotonic() - began)
         assert sum(bucket.count for bucket in buckets) == DAY
-    store.close()
-    return points * DAY, asked
+    return asked

@@ -80,6 +80,13 @@ class Line:
 
     def send(self, now: float) -> float:
         """Send what has passed of the first answer; returns when more is due."""
+        try:
+            return self._send(now)
+        except OSError:  # the master has gone
+            self.answers.clear()
+            return 0.0
+
+    def _send(self, now: float) -> float:
         answer = self.answers[0]
         if now >= answer.end:
             self.client.send(answer.data[answer.sent :])

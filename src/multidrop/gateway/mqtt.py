@@ -164,22 +164,23 @@ class Mqtt:
 
     def _take(self, update: Update) -> None:
         """A listener of `Values`: what is new waits, in the place of what waited before."""
-        if self._plant is not self.gateway.plant or self._is_news(update):
-            self._waiting[update.key] = update
+        key = update.key
+        if self._plant is not self.gateway.plant or self._is_news(key, update):
+            self._waiting[key] = update
             self._wake.set()
 
-    def _is_news(self, update: Update) -> bool:
+    def _is_news(self, key: Key, update: Update) -> bool:
         """Whether it differs from what the broker has by the dead band, or that is old."""
-        if update.key in self._waiting:
+        if key in self._waiting:
             return True
-        before = self._published.get(update.key)
-        if before is None or before.quality is not update.quality:
+        before, polled = self._published.get(key), update.polled
+        if before is None or before.polled.quality is not polled.quality:
             return True
         if update.monotonic - before.monotonic >= self.settings.longest:
             return True
-        if before.value == update.value or not update.good:
+        one, other = before.polled.value, polled.value
+        if one == other or not polled.good:
             return False
-        one, other = before.value, update.value
         if isinstance(one, int | float) and isinstance(other, int | float):
             device = self._plant.devices.get(update.device)
             known = device.points.get(update.point) if device is not None else None
