@@ -73,7 +73,7 @@ def _row(profile: str, runs: list[Run], command: float) -> Result:
     share = median(run.share for run in runs)
     late = median(run.late / run.messages for run in runs) * 1000
     return Result(
-        f"backup of a {name}, all its {run.points} readable points, paced {line.baud} {line.format}",
+        f"backup of all {run.points} readable points of {name}, paced {line.baud} {line.format}",
         f"the line's limit, {run.limit:.2f} s: characters and gaps",
         f">= {LEAST_SHARE:g} of it",
         f"{share:.3f}",
