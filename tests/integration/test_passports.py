@@ -46,7 +46,7 @@ speed_setpoint = { at = "std/0x6042.0:int16", role = "setpoint", unit = "rpm" }
     )
 )  # fmt: skip
 
-KILLS = 10 if os.environ.get("MULTIDROP_SOAK") else 4
+KILLS, RATES = (10, [0.0, 0.05]) if os.environ.get("MULTIDROP_SOAK") else (4, [0.05])
 FAULTS = (Fault.NO_ANSWER, Fault.LATE_ANSWER, Fault.WRONG_CHECKSUM, Fault.CUT_SHORT, Fault.NOISE, Fault.OTHER_SLAVE)  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def some_of(passport: Passport) -> Passport:
     return replace(passport, points={point: passport.points[point] for point in kept})
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.05], ids=["clean", "faults"])
+@pytest.mark.parametrize("rate", RATES)
 def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
     bench: Bench, tmp_path: Path, rate: float
 ) -> None:
