@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import COMMAND, environment, multidrop
+from integration.processes import COMMAND, PATIENCE, environment, multidrop
 from integration.threads import served
 from multidrop import errors
 from multidrop.catalog import load_profile
@@ -197,7 +197,7 @@ def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
     with heard(bench.line) as planning:
         bench.run("restore", str(passport), bench.name, "--dry-run")
     with heard(bench.line) as whole:
-        restore(bench, passport).wait()
+        restore(bench, passport).wait(3 * PATIENCE)
     faults = RandomFaults(dict.fromkeys(FAULTS, rate / len(FAULTS)), seed=5)
     moments = random.Random(4)
     halves = 0
@@ -210,7 +210,7 @@ def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
             moment = moments.randrange(planning.pieces - 10, whole.pieces)
             with heard(bench.line, moment) as passed:
                 passed.process = restore(bench, passport)
-                passed.process.wait()
+                passed.process.wait(3 * PATIENCE)
             bench.line.faults = LineFaults(NoFaults())
             now = held(device, changed)
         done = {text for text, raw in now.items() if raw == before.points[text].raw}
