@@ -20,7 +20,6 @@ from multidrop.io.ports import open_port
 from multidrop.naming import parse_device
 from multidrop.passports.backup import Backup
 from multidrop.timing import LineSettings
-from multidrop.tools.profiles.discover import Meter
 from multidrop.tools.profiles.text import toml_text
 
 LEAST_SHARE = 0.97
@@ -74,7 +73,7 @@ def _row(profile: str, runs: list[Run], command: float) -> Result:
     share = median(run.share for run in runs)
     late = median(run.late / run.messages for run in runs) * 1000
     return Result(
-        f"backup of a {name}, all its {run.points} readable points, paced {line.baud} {line.format}",
+        f"backup of all {run.points} readable points of {name}, paced {line.baud} {line.format}",
         f"the line's limit, {run.limit:.2f} s: characters and gaps",
         f">= {LEAST_SHARE:g} of it",
         f"{share:.3f}",
@@ -98,8 +97,8 @@ def _backed_up(profile: str) -> Run:
         target = Target(parse_device(name), load_profile(profile))
         port = StampedPort(open_port(target.port, target.setup()))
         line = Line(port, target.settings, target.options)
-        meter = Meter(target.settings.character)
-        line.taps.append(meter)
+        sizes: list[int] = []
+        line.taps.append(lambda data, *_: sizes.append(len(data)))
         with Connection(target, target.device(), line) as connection:
             run = Backup.of(connection)
             started = monotonic()
@@ -107,6 +106,7 @@ def _backed_up(profile: str) -> Run:
                 pass
             took = monotonic() - started
     assert len(noted) == len(port.sent), "a read was repeated"
+    characters = sum(sizes)
     outs = [out for _, out in noted]
     at_simulator = sum(out - sent for sent, out in zip(port.sent, outs, strict=True))
     between = [sent - out for sent, out in zip(port.sent[1:], outs, strict=False)]
@@ -114,9 +114,9 @@ def _backed_up(profile: str) -> Run:
         target.settings,
         points=len(run.points),
         messages=len(noted),
-        characters=meter.characters,
+        characters=characters,
         took=took,
-        late=at_simulator - meter.characters * target.settings.character,
+        late=at_simulator - characters * target.settings.character,
         own=median(between) - target.settings.gap,
     )
 

@@ -117,7 +117,7 @@ def test_the_time_is_said_before(tmp_path: Path) -> None:
         run = Discovery(connection, "9000..9255")
         seconds = run.estimate()
         left = len(run.left)
-    assert left == 256 - 32
+    assert left == 256 - 64, "what they take differs much, so a quarter is looked at first"
     # 11 and 8 characters, or 11 and up to 13, several times; 3 ms, and the gap
     assert left * 0.020 < seconds < left * 0.060
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from integration.processes import COMMAND, environment, multidrop
+from integration.processes import COMMAND, PATIENCE, environment, multidrop
 from integration.threads import served
 from multidrop import errors
 from multidrop.catalog import load_profile
@@ -46,7 +46,7 @@ speed_setpoint = { at = "std/0x6042.0:int16", role = "setpoint", unit = "rpm" }
     )
 )  # fmt: skip
 
-KILLS = 10 if os.environ.get("MULTIDROP_SOAK") else 4
+KILLS, RATES = (10, [0.0, 0.05]) if os.environ.get("MULTIDROP_SOAK") else (4, [0.05])
 FAULTS = (Fault.NO_ANSWER, Fault.LATE_ANSWER, Fault.WRONG_CHECKSUM, Fault.CUT_SHORT, Fault.NOISE, Fault.OTHER_SLAVE)  # fmt: skip
 
 
@@ -182,7 +182,7 @@ def some_of(passport: Passport) -> Passport:
     return replace(passport, points={point: passport.points[point] for point in kept})
 
 
-@pytest.mark.parametrize("rate", [0.0, 0.05], ids=["clean", "faults"])
+@pytest.mark.parametrize("rate", RATES)
 def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
     bench: Bench, tmp_path: Path, rate: float
 ) -> None:
@@ -197,7 +197,7 @@ def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
     with heard(bench.line) as planning:
         bench.run("restore", str(passport), bench.name, "--dry-run")
     with heard(bench.line) as whole:
-        restore(bench, passport).wait()
+        restore(bench, passport).wait(3 * PATIENCE)
     faults = RandomFaults(dict.fromkeys(FAULTS, rate / len(FAULTS)), seed=5)
     moments = random.Random(4)
     halves = 0
@@ -210,7 +210,7 @@ def test_a_restore_that_was_killed_is_run_again_and_finishes_the_rest(
             moment = moments.randrange(planning.pieces - 10, whole.pieces)
             with heard(bench.line, moment) as passed:
                 passed.process = restore(bench, passport)
-                passed.process.wait()
+                passed.process.wait(3 * PATIENCE)
             bench.line.faults = LineFaults(NoFaults())
             now = held(device, changed)
         done = {text for text, raw in now.items() if raw == before.points[text].raw}

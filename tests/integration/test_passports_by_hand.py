@@ -224,7 +224,7 @@ def test_an_interrupted_restore_says_what_is_done_and_how_to_go_on(plant: Plant)
         program.wait_for("ramp (9000)                      0.5 s   restored")
         done = program.interrupt()
     assert done.status in (7, 130)  # 7: a write was in flight
-    left = "1 restored, 2 left: the same command goes on"
+    left = "1 restored, 2 left: run it again to go on"
     assert left in done.err if done.status == 130 else "not-written" in done.out
     plant.line.pace = Pace()
     assert plant.run("restore", "a.toml", "infeed", "--yes").out.splitlines()[-1] in (

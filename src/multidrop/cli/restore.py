@@ -130,7 +130,7 @@ def _report(common: Common, device: str, planned: Plan, verdicts: Iterable[Resto
     except KeyboardInterrupt:
         tried = count.total() - count[Verdict.SAME] - count[Verdict.SKIPPED]
         left = len(planned.writes) - tried
-        click.echo(f"{_counted(count)}{left} left: the same command goes on", err=True)
+        click.echo(f"{_counted(count)}{left} left: run it again to go on", err=True)
         raise
     if not common.json:
         click.echo(_counted(count).removesuffix(", "))

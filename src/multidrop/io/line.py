@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from types import TracebackType
 from typing import Any, Generic, NamedTuple, Self, TypeVar
 
@@ -71,7 +71,7 @@ class Line:
 
     def each(
         self, conversations: Iterable[Conversation[Any, ResultT]]
-    ) -> Generator[Timed[ResultT] | Error, None, None]:
+    ) -> Iterator[Timed[ResultT] | Error]:
         """Carry out conversations one behind the other; gives what each returned, or its error.
 
         Behind an answer the next one begins before the result is given: what is done
@@ -79,21 +79,16 @@ class Line:
         was given. Something else on this line in between gives up what is on its way.
         """
         found: Timed[ResultT] | Error | None = None
-        exchange: Exchange[Any, ResultT] | Error | None = None
-        try:
-            for conversation in conversations:
-                if isinstance(found, Error):
-                    yield found
-                    found = None
-                exchange = _tried(self._begin, conversation)
-                if found is not None:
-                    yield found
-                found = exchange if isinstance(exchange, Error) else _tried(self._finish, exchange)
+        for conversation in conversations:
+            if isinstance(found, Error):
+                yield found
+                found = None
+            exchange = _tried(self._begin, conversation)
             if found is not None:
                 yield found
-        finally:
-            if exchange is self._running:
-                self._give_up()
+            found = exchange if isinstance(exchange, Error) else _tried(self._finish, exchange)
+        if found is not None:
+            yield found
 
     def _begin(self, conversation: Conversation[Any, ResultT]) -> Exchange[Any, ResultT]:
         """Send its first request, if the line has rested; `_finish` has to follow."""

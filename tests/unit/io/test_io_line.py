@@ -274,26 +274,18 @@ def test_an_error_is_given_before_the_next_one_is_asked() -> None:
 
 def test_who_uses_the_line_in_between_gives_up_what_is_on_its_way() -> None:
     line = Line(MemoryPort(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
+    sent = sent_by(line)
     each = line.each(AX.read_typed(1009, INT) for _ in range(3))
     assert isinstance(next(each), Timed)
-    assert line.run(AX.read_typed(1009, INT)).value == 125
+    for _ in range(16):
+        assert line.run(AX.read_typed(1009, INT)).value == 125
     assert line.counters.foreign == 1  # the answer that nobody waited for
+    numbers = [Frame.decode(data).control >> 2 for data in sent]
+    assert numbers == [0, 1, *range(2, 16), 0, 2], "the number of what was given up rests"
     broken_off, rest = each
     assert isinstance(broken_off, NoReply)
     assert str(broken_off) == "the line was used for something else in 1 attempt"
     assert isinstance(rest, Timed)
-
-
-def test_who_stops_in_between_gives_up_what_is_on_its_way() -> None:
-    """Its number rests, and its answer is not believed."""
-    line = Line(MemoryPort(simulated().attach()), slink3.LINE.with_options(gap=0.0), LineOptions())
-    sent = sent_by(line)
-    each = line.each(AX.read_typed(1009, INT) for _ in range(3))
-    next(each)
-    each.close()
-    assert line.run(AX.read_typed(1009, INT)).value == 125
-    assert line.counters.foreign == 1
-    assert [Frame.decode(data).control >> 2 for data in sent] == [0, 1, 2]
 
 
 def test_a_port_that_is_lost_between_two_of_them_loses_no_result() -> None:

@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from statistics import fmean
+from math import sqrt
+from statistics import fmean, stdev
 from typing import Any
 
 from multidrop.conversation import Conversation
@@ -27,8 +28,12 @@ from multidrop.sweeping import Sweep
 
 PROBES = 256
 """Places, spread over all, that are looked at first; the time for the others follows from them."""
-LEAST_SHARE = 8
-"""At most one place in so many is looked at first."""
+FIRST_SHARE = 8
+"""At most one place in so many is among the first of them."""
+MOST_SHARE = 4
+"""At most one place in so many is looked at before the time is said."""
+SURE = 0.02
+"""The standard error of the time, as a part of it, at which no more of them are needed."""
 GOLDEN = 0.618034  # whose multiples fall nowhere twice
 GONE = 3
 """So many places in a row without a reply: then one that answered is asked, to see who is silent."""
@@ -37,43 +42,6 @@ HOPELESS = 64
 """So many places that all went wrong, and nothing else came."""
 
 Note = Callable[[int, list[PointDescription]], None]
-
-
-class Meter:
-    """A tap that measures messages: their characters, and what they take beyond these."""
-
-    def __init__(self, character: float) -> None:
-        self._character = character
-        self._started: float | None = None
-        self._heard = 0.0
-        self._size = 0
-        self.messages = 0
-        self.characters = 0
-        self.answers: list[float] = []  # s from the end of a question to the begin of its answer
-        self.rests: list[float] = []  # s from an answer to the next question
-
-    def __call__(self, data: bytes, sent: bool, now: float, damaged: bool) -> None:
-        self.characters += len(data)
-        if not sent:
-            self._heard = now
-            self._size += len(data)
-            return
-        self._close(now)
-        self.messages += 1
-        self._started, self._heard, self._size = now, 0.0, len(data)
-
-    def _close(self, now: float) -> None:
-        if self._started is not None and self._heard:
-            took = self._heard - self._started
-            self.answers.append(took - self._size * self._character)
-            self.rests.append(now - self._heard)
-
-    def seconds(self, share: float) -> float:
-        """Of `share` times as many messages as were measured."""
-        if not self.answers:
-            return 0.0
-        each = fmean(self.answers) + fmean(self.rests)
-        return share * (self.messages * each + self.characters * self._character)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +97,26 @@ class Discovery:
         """
         self._begin()
         left = self.left
-        probes = spread(left, min(PROBES, -(-len(left) // LEAST_SHARE)))
-        meter = Meter(self.connection.target.settings.character)
-        taps = self.connection.line.taps
-        taps.append(meter)
-        try:
+        count = min(PROBES, -(-len(left) // FIRST_SHARE))
+        most = len(left) // MOST_SHARE
+        took: list[float] = []  # s for each place
+        again = 0.0  # s for those that failed: they and their like are tried once more
+        while probes := spread(left, count):
             for place in probes:
-                self._look(place)
-        finally:
-            taps.remove(meter)
-        return meter.seconds((len(left) - len(probes)) / len(probes)) if probes else 0.0
+                took.append(self._timed(place))
+                again += took[-1] if place in self.failed else 0.0
+            left = sorted({*left} - {*probes})
+            count = min(PROBES, most - len(took))
+            if count <= 0 or _error(took, len(left)) <= SURE:
+                break
+        whole = again * (len(took) + len(left))
+        return len(left) * fmean(took) + whole / len(took) if took else 0.0
+
+    def _timed(self, place: int) -> float:
+        now = self.connection.line.port.now
+        started = now()
+        self._look(place)
+        return now() - started
 
     def run(self) -> Iterator[int]:
         """Look at all that is left; gives each place when it is known.
@@ -221,6 +199,13 @@ class Discovery:
             version="",
             points=named([*elsewhere, *self.points]),
         )
+
+
+def _error(took: Sequence[float], left: int) -> float:
+    """The standard error of the time for `left` more places, as a part of it."""
+    if len(took) < 2 or not left:
+        return 0.0
+    return stdev(took) * sqrt(1 / len(took) + 1 / left) / fmean(took)
 
 
 def spread(places: Sequence[int], count: int) -> list[int]:
