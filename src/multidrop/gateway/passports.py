@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -16,13 +17,19 @@ from pathlib import Path
 from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.polled import target_of
-from multidrop.gateway.settings import PassportSettings
+from multidrop.gateway.settings import (
+    PassportSettings,
+    Settings,
+    demand_writable,
+    objections,
+)
 from multidrop.io.served import ServedDevice
 from multidrop.passports.backup import load
 from multidrop.passports.difference import Difference, differences
 from multidrop.passports.folder import Index, Listed, save_as_new
 from multidrop.passports.passport import Passport
 from multidrop.passports.served_backup import ServedBackup
+from multidrop.plant import Plant
 
 MOST_HELD = 32
 """Devices of which the gateway remembers all that they held when it was read last."""
@@ -86,6 +93,13 @@ def part(gateway: Gateway) -> Passports:
     """The part of `[passports]`. Raises `UsageError` where nothing can be kept."""
     assert gateway.settings.passports is not None
     return Passports(gateway, gateway.settings.passports)
+
+
+def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
+    """What is wrong with `[passports]`."""
+    assert settings.passports is not None
+    path = settings.path(settings.passports.path)
+    return objections(lambda: demand_writable("passports.path", path, folder=True))
 
 
 class Passports:
