@@ -12,6 +12,7 @@ import pytest
 from selenium.webdriver.common.keys import Keys
 
 from integration.browser import Browser, browser, driver_path
+from integration.processes import running
 from integration.test_web_passports import PLANT, POINTS, Site, site_in
 
 VIEW = "#/device/axis"
@@ -74,6 +75,7 @@ def test_a_backup_is_made(page: Browser, shared: Site) -> None:
     page.until(lambda: f"of {POINTS} points" in page.text(".reading"))
     page.until(lambda: page.run("return document.querySelector('progress').position > 0"))
     page.until(lambda: "Backup made" in page.text(".backups .note.good"))
+    page.until(lambda: page.all(".passports tbody tr"))
     ((_, points, file, _),) = cells(page, ".passports tbody tr")
     assert (points, [file]) == (str(POINTS), os.listdir(shared.folder / "kept"))
     command = page.text(".restore code")
@@ -239,6 +241,28 @@ def test_differences_stay_when_the_server_was_lost(window: Browser, tmp_path: Pa
             site.program.process.send_signal(signal.SIGCONT)
         window.until(lambda: window.text("#link") == "live")
         assert "Nothing differs" in window.text(".differences")
+
+
+def test_a_gateway_that_was_started_anew(window: Browser, tmp_path: Path) -> None:
+    """It knows nothing of the backup that was under way: nobody waits for that for ever."""
+    with site_in(tmp_path, delay=0.05) as site:
+        window.open(site.client.url)
+        window.run("sessionStorage.setItem('multidrop token', arguments[0])", site.client.token)
+        window.open(f"{site.client.url}{VIEW}")
+        press(window, "Make a backup")
+        window.until(lambda: "points" in window.text(".reading"))
+        site.program.end(signal.SIGKILL)
+        file = site.folder / "multidrop.toml"
+        text = file.read_text("utf-8")
+        file.write_text(text.replace("127.0.0.1:0", f"127.0.0.1:{site.client.port}"), "utf-8")
+        with running("run", str(file)) as program:
+            program.wait_for("http://")
+            window.until(lambda: "started anew" in window.text(".backups .note.bad"))
+            window.until(
+                lambda: (
+                    not window.run("return document.querySelector('.backups button.main').disabled")
+                )
+            )
 
 
 def test_state_and_fault_by_name(page: Browser) -> None:

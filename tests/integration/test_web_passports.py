@@ -105,7 +105,7 @@ def site_in(folder: Path, delay: float = 0.0, plant: str = PLANT) -> Iterator[Si
         writer = multidrop("token", "tester", "--write", "-o", tokens).out.strip()
         reader = multidrop("token", "reader", "-o", tokens).out.strip()
         with running("run", str(file)) as program:
-            url = program.wait_for("://")
+            url = program.wait_for("http://")
             yield Site(Client(url, writer), reader, folder, line, place.port, program)
 
 
@@ -460,6 +460,22 @@ def test_a_gateway_that_keeps_none(tmp_path: Path) -> None:
         assert site.post("/api/passports", "axis").status == 404
         assert site.client.get("/api/read-all").json == []
         assert site.client.get("/api/status").json["readings"] == []
+
+
+def test_a_port_that_is_away(tmp_path: Path) -> None:
+    with site_in(tmp_path, plant=PLANT.replace('"{port}"', '"tcp://127.0.0.1:1"')) as site:
+        for path in ("/api/passports", "/api/read-all", "/api/status"):
+            found = site.post(path, "axis")
+            assert (found.status, found.json["error"]["kind"]) == (503, "port"), found.body
+        assert site.client.get("/api/read-all").json == []
+
+
+def test_how_a_device_is_by_name(site: Site) -> None:
+    found = site.post("/api/status", "axis", authorization=None)
+    assert found.status == 200, found.body
+    assert any(line.split() == ["faults", "none"] for line in found.json["lines"])
+    assert site.post("/api/status", "spare").status == 504
+    assert site.post("/api/status", "nobody").status == 404
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:

@@ -91,7 +91,9 @@ class Listed:
         """
         if not self.device:
             stem = re.escape(_stem(name))
-            return bool(re.fullmatch(rf"{stem}(-[0-9]{{8}}T[0-9]{{6}}Z(-[0-9]+)?)?", _short(self.path)))
+            return bool(
+                re.fullmatch(rf"{stem}(-[0-9]{{8}}T[0-9]{{6}}Z(-[0-9]+)?)?", _short(self.path))
+            )
         if self.device == str(target.name):
             return True
         alike = (self.profile, self.address) == (target.profile.name, target.name.address)

@@ -110,7 +110,11 @@ def test_what_is_damaged_and_what_is_something_else(tmp_path: Path) -> None:
     }
     assert "its checksum does not fit" in str(found["edited.toml"].damage)
     assert found["edited.toml"].is_of("axis", AXIS, NOBODY)
-    for name, reason in (("axis", "cut short"), ("axle", "not UTF-8"), ("large", "larger than")):
+    for name, reason in (
+        ("axis", "cut short"),
+        ("axle", "not UTF-8"),
+        ("large", "larger than"),
+    ):
         item = found[f"{name}.passport.toml"]
         assert (item.time, item.device) == (None, "")
         assert reason in str(item.damage)

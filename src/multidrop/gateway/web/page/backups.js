@@ -6,6 +6,7 @@ import { now, store } from "./store.js";
 import { mayWrite } from "./write.js";
 
 const ENDED = new Set(["done", "failed", "stopped"]);
+const FORGOTTEN = 5; // s after which the server would tell of a reading if it still knew of it
 const NOW = ""; // in the list of what is compared: the device itself
 
 const url = (device, name, more = "") => `/api/passports/${encodeURIComponent(device)}/${encodeURIComponent(name)}${more}`;
@@ -199,6 +200,8 @@ export function backupsSection({ name }) {
   /** The reading of all points as the server tells it; some of it may have been seen already. */
   function take(one) {
     const known = state;
+    if (!one && known.state === "reading" && now() - Date.parse(known.started) / 1000 > FORGOTTEN)
+      one = { ...known, started: new Date().toISOString(), state: "failed", error: "the gateway was started anew" };
     const older = !one || one.started < known.started || (one.started === known.started && ENDED.has(known.state));
     one = state = older ? known : one; // what was told before is overtaken by what came of a request
     reading.draw(one);
@@ -206,7 +209,7 @@ export function backupsSection({ name }) {
     make.disabled = busy;
     show.disabled = busy || !before.options.length;
     if (known.started === one.started && known.state === one.state) return;
-    const begun = known.started === one.started; // this page saw it under way
+    const begun = known.state === "reading" && one.state !== "reading"; // this page saw it under way
     if (one.state === "done" && one.keep) {
       load();
       if (begun) reading.tell("good", `Backup made: ${one.points - one.unreadable} points${one.unreadable ? `, ${one.unreadable} could not be read` : ""}.`);
