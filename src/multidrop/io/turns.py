@@ -65,7 +65,7 @@ class Waiting(Generic[WaiterT]):
 
     @property
     def only_background(self) -> bool:
-        """Whether nobody of those who wait goes before a poll."""
+        """Whether those who wait, if any, are all in the background."""
         return not any(self._queues[: Priority.BACKGROUND])
 
     def pop(self) -> WaiterT | None:
@@ -142,9 +142,10 @@ class Turns:
         ask for the next poll, which goes first although it did not wait.
         """
         self.taken = False
+        if not len(self._waiting):
+            return
         if self._waiting.only_background:
-            if len(self._waiting):
-                asyncio.get_running_loop().call_soon(self._give)
+            asyncio.get_running_loop().call_soon(self._give)
         else:
             self._give()
 
