@@ -118,6 +118,8 @@ def test_what_the_profile_knows() -> None:
     assert found({(0x11, 0): "!02"}, profile=profile) == [profile.points["kp"]]
     array = {(0x5B, 0): "0012345678"}
     assert found(array, 0x5B, profile) == [profile.points["preset_velocity"]]
+    _, asked = ran(of(profile).look(0x5B), answers(array))
+    assert asked[-1] == Frame(9, 0x05B, 0, "00")
     discovered, asked = ran(of(profile).look(0x04), answers({}))
     assert [item.description.name for item in discovered] == ["factory_reset"]
     assert asked == [], "an action cannot be read"
