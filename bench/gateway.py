@@ -14,7 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, median
 
-from bench.gateway_plants import DEVICES, MIXED, Kind, large, lines_of, messages_of, points_of
+from bench.gateway_plants import (
+    ALONE,
+    DEVICES,
+    MIXED,
+    Kind,
+    large,
+    lines_of,
+    messages_of,
+    points_of,
+)
 from bench.gateway_process import (
     GatewayProcess,
     Subscriber,
@@ -100,17 +109,20 @@ def _told(plant: Plant, seconds: float) -> list[Result]:
         told = asked(browser, "told")
     noted = asked(plant.simulator, "report")
     beside = [f"{polls:.0f} polls a second; {core:.0%} of a core"]
-    found = [_latency("browser", latencies(told, noted, begin, end), beside)]
+    found = [_latency("a browser", latencies(told, noted, begin, end), beside)]
     if states is None:
         print(f"MQTT is not measured: {mqtt_missing()}")
         return found
-    return [*found, _latency("MQTT subscriber", latencies(states.end(), noted, begin, end), beside)]
+    return [
+        *found,
+        _latency("an MQTT subscriber", latencies(states.end(), noted, begin, end), beside),
+    ]
 
 
 def _latency(who: str, found: list[float], beside: list[str]) -> Result:
     high = percentile(found, 0.99)
     return Result(
-        f"{OF}: from the end of an answer on the wire to a {who}",
+        f"{OF}: from the end of an answer on the wire to {who}",
         "",
         f"< {GOAL_LATENCY:.0f} ms in the 99th percentile",
         f"{high:.1f} ms",
@@ -173,6 +185,8 @@ def memory(quick: bool) -> list[Result]:
     tenth = len(resident) // 10
     half, last = median(resident[5 * tenth : 6 * tenth]), median(resident[-tenth:])
     made = polls / messages_of(MIXED)
+    with running(ALONE, full=True) as plant:
+        alone, alone_core = plant.polled(5.0 if quick else 30.0)
     return [
         Result(
             f"{OF}, {seconds / 60:g} minutes: processor and memory of the gateway",
@@ -185,6 +199,8 @@ def memory(quick: bool) -> list[Result]:
             and made > GOAL_POLLS,
             [
                 f"{polls:.0f} polls a second, {made:.3f} of the plan; {_minutes(resident)}",
+                f"as many points of FlexMax alone, each a message of its own: {alone_core:.2f} of a "
+                f"core, {alone:.0f} polls a second of {messages_of(ALONE):,}",
                 "with history, freeze-frames, page and MQTT"
                 if mqtt_missing() is None
                 else f"with history, freeze-frames and page; no MQTT: {mqtt_missing()}",

@@ -59,6 +59,9 @@ FAREWELL = 1.0
 MOST_AT_ONCE = 32
 """Commands that are under way; what comes beyond is refused."""
 
+SOON = 0.01
+"""s that states wait for others: to send some together costs half of sending each."""
+
 TOGETHER = 25
 """States that are handed to the broker's client at once."""
 
@@ -198,6 +201,7 @@ class Mqtt:
         await client.publish(self.topics.status, ONLINE, qos=1, retain=True)
         while True:
             await self._wake.wait()
+            await asyncio.sleep(SOON)
             self._wake.clear()
             if self._plant is not self.gateway.plant:
                 await self._change(client)
