@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import ssl
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from ipaddress import ip_address
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +41,9 @@ KEEPALIVE = 15
 TIMEOUT = 10.0
 """s in which the broker has to take or confirm something."""
 
+AT_ONCE = 32
+"""States that are sent together: what else there is to do has its turn behind each lot."""
+
 ANSWER_EXPIRY = 60
 """s that a broker keeps an answer for somebody who is away."""
 
@@ -70,7 +75,7 @@ class Broker:
         """
         session = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
         session.SessionExpiryInterval = 0
-        return aiomqtt.Client(
+        made = aiomqtt.Client(
             self._settings.host,
             self._settings.port,
             username=self._settings.user,
@@ -84,6 +89,8 @@ class Broker:
             keepalive=KEEPALIVE,
             logger=QUIET,
         )
+        made.pending_calls_threshold = 2 * AT_ONCE  # each that is beyond costs a record of a log
+        return made
 
 
 KEPT = SubscribeOptions(qos=1, noLocal=True)
@@ -93,12 +100,38 @@ FRESH = SubscribeOptions(qos=2, retainAsPublished=True)
 """As published: else the broker would hide that a message is a retained one."""
 
 
+def end_if_cancelled() -> None:
+    """Behind what aiomqtt waits for: Python 3.11's `wait_for` forgets that it was cancelled where that came just then."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
 async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOptions) -> None:
     """Raises `MqttError` where the broker does not allow it."""
     codes = await client.subscribe(topic, options=options)
     for code in codes:
         if not isinstance(code, int) and code.is_failure:
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
+
+
+async def publish_together(client: aiomqtt.Client, states: Mapping[str, str]) -> None:
+    """Topic -> retained state; `AT_ONCE` of them cost little more than a few.
+
+    Raises `MqttError` where the broker takes them no more.
+    """
+    try:
+        async with asyncio.timeout(
+            TIMEOUT
+        ):  # one for all: each of its own would be a task and a timer
+            await asyncio.gather(
+                *(
+                    client.publish(topic, payload, retain=True, timeout=inf)
+                    for topic, payload in states.items()
+                )
+            )
+    except TimeoutError:
+        raise aiomqtt.MqttError("Operation timed out") from None
 
 
 def command_of(topic: str, message: aiomqtt.Message) -> Command:
@@ -181,12 +214,15 @@ def _password(settings: MqttSettings, place: Callable[[str], Path]) -> str | Non
 
 
 __all__ = [
+    "AT_ONCE",
     "FRESH",
     "KEPT",
     "Broker",
     "aiomqtt",
     "answer_properties",
     "command_of",
+    "end_if_cancelled",
+    "publish_together",
     "subscribe",
     "wrong_with_broker",
 ]

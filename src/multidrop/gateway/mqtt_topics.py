@@ -20,6 +20,8 @@ ONLINE, OFFLINE = "online", "offline"
 UNREAD = "not read yet"
 """The quality of a point that was not polled yet."""
 
+_ENCODE = json.JSONEncoder(ensure_ascii=False).encode  # made once: `json.dumps` makes one each time
+
 _SPECIAL = re.compile(r"[%/+#\x00-\x1f\x7f-\x9f]")
 
 
@@ -91,7 +93,7 @@ def state_payload(update: Update) -> str:
         facts |= {"last": jsonable(reading.value), "last_time": utc(reading.time)}
     if update.polled.error is not None:
         facts["error"] = str(update.polled.error)
-    return json.dumps(facts, ensure_ascii=False)
+    return _ENCODE(facts)
 
 
 def unread_payload(plant: Plant, key: Key) -> str:
