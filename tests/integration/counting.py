@@ -172,11 +172,13 @@ def lost_of(line: CountingLine, found: Recorded) -> list[Given]:
     """What a drive gave and history has not. What it has is in order, once, and of its time."""
     numbers = found.numbers
     assert numbers, "nothing was recorded"
-    assert all(one < other for one, other in pairwise(numbers))
+    wrong = [pair for pair in pairwise(numbers) if pair[0] >= pair[1]]
+    assert not wrong, f"out of order, or twice: {wrong}"
     given = {one.number: one for one in line.given}
     for sample in found.kept:
-        assert sample.number in given
-        assert abs(sample.monotonic - given[sample.number].monotonic) < 1.0
+        assert sample.number in given, f"{sample} was never given"
+        late = sample.monotonic - given[sample.number].monotonic
+        assert abs(late) < 1.0, f"{sample} is {late} s away from when it was given"
     return [one for number, one in given.items() if number not in set(numbers)]
 
 
@@ -194,5 +196,5 @@ def all_is_kept(folder: Path, lines: Sequence[CountingLine]) -> None:
     for line in lines:
         found = recorded(folder, line)
         lost = lost_of(line, found)
-        assert [one.number for one in lost] in ([], [len(line.given)])
-        assert found.gaps == []
+        assert [one.number for one in lost] in ([], [len(line.given)]), f"lost: {lost}"
+        assert found.gaps == [], f"gaps: {found.gaps}"

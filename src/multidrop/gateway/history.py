@@ -34,6 +34,9 @@ EVERY = 0.5
 MOST_SAMPLES = 100_000
 """Samples that one `range` returns."""
 
+SOON = 5.0
+"""s from an answer to its update at most; it is a matter of milliseconds."""
+
 DAY = 86_400.0
 
 ResultT = TypeVar("ResultT")
@@ -216,6 +219,8 @@ def sample_of(update: Update) -> Sample:
     polled = update.polled
     time = polled.reading.time if polled.good and polled.reading is not None else polled.time
     ago = (polled.time - time).total_seconds()
+    if not 0 <= ago <= SOON:  # the clock stepped in between
+        ago = 0.0
     return Sample(
         update.device,
         update.point,

@@ -6,8 +6,9 @@ import asyncio
 import logging
 import os
 import ssl
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from ipaddress import ip_address
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,9 @@ TIMEOUT = 10.0
 AGAIN = 0.1
 """s after which a task that did not end is cancelled again."""
 
+AT_ONCE = 32
+"""States that are sent together: what else there is to do has its turn behind each lot."""
+
 ANSWER_EXPIRY = 60
 """s that a broker keeps an answer for somebody who is away."""
 
@@ -74,7 +78,7 @@ class Broker:
         """
         session = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
         session.SessionExpiryInterval = 0
-        return aiomqtt.Client(
+        made = aiomqtt.Client(
             self._settings.host,
             self._settings.port,
             username=self._settings.user,
@@ -88,6 +92,8 @@ class Broker:
             keepalive=KEEPALIVE,
             logger=QUIET,
         )
+        made.pending_calls_threshold = 2 * AT_ONCE  # each that is beyond costs a record of a log
+        return made
 
 
 KEPT = SubscribeOptions(qos=1, noLocal=True)
@@ -97,25 +103,19 @@ FRESH = SubscribeOptions(qos=2, retainAsPublished=True)
 """As published: else the broker would hide that a message is a retained one."""
 
 
+def end_if_cancelled() -> None:
+    """Behind what aiomqtt waits for: Python 3.11's `wait_for` forgets that it was cancelled where that came just then."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
+
+
 async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOptions) -> None:
     """Raises `MqttError` where the broker does not allow it."""
     codes = await client.subscribe(topic, options=options)
     for code in codes:
         if not isinstance(code, int) and code.is_failure:
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
-
-
-async def publish_states(client: aiomqtt.Client, states: Sequence[tuple[str, str]]) -> None:
-    """Retained messages, topic and payload, in order. Returns when they are on their way.
-
-    Raises `MqttError` where the broker has gone.
-    """
-    *others, last = states
-    for topic, payload in others:
-        # aiomqtt would wait for each of them, several rounds of the loop; its own client
-        # takes them all, and has written them when it has written the last one
-        client._client.publish(topic, payload, retain=True)
-    await client.publish(*last, retain=True)
 
 
 async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
@@ -131,11 +131,23 @@ async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-def demand_wanted() -> None:
-    """Raises `CancelledError` where this task was cancelled, and connecting has swallowed it."""
-    task = asyncio.current_task()
-    if task is not None and task.cancelling():
-        raise asyncio.CancelledError
+async def publish_together(client: aiomqtt.Client, states: Mapping[str, str]) -> None:
+    """Topic -> retained state; `AT_ONCE` of them cost little more than a few.
+
+    Raises `MqttError` where the broker takes them no more.
+    """
+    try:
+        async with asyncio.timeout(
+            TIMEOUT
+        ):  # one for all: each of its own would be a task and a timer
+            await asyncio.gather(
+                *(
+                    client.publish(topic, payload, retain=True, timeout=inf)
+                    for topic, payload in states.items()
+                )
+            )
+    except TimeoutError:
+        raise aiomqtt.MqttError("Operation timed out") from None
 
 
 def command_of(topic: str, message: aiomqtt.Message) -> Command:
@@ -218,15 +230,16 @@ def _password(settings: MqttSettings, place: Callable[[str], Path]) -> str | Non
 
 
 __all__ = [
+    "AT_ONCE",
     "FRESH",
     "KEPT",
     "Broker",
     "aiomqtt",
     "answer_properties",
     "command_of",
-    "demand_wanted",
     "end_all",
-    "publish_states",
+    "end_if_cancelled",
+    "publish_together",
     "subscribe",
     "wrong_with_broker",
 ]

@@ -50,9 +50,10 @@ def everything(folder: Path) -> dict[str, object]:
     }
 
 
-@pytest.fixture
-def files(tmp_path: Path) -> Path:
-    """A folder with files that are not what a table may want."""
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files that are not what a table may want, and some that are: a disk takes its time for those."""
+    tmp_path = tmp_path_factory.mktemp("made")
     (tmp_path / "folder").mkdir()
     (tmp_path / "text").write_text(
         "no database, no certificate, and long enough to be seen as such\n"
@@ -68,6 +69,12 @@ def files(tmp_path: Path) -> Path:
     (tmp_path / "full.csv").write_text(HEAD + FULL)
     (tmp_path / "tokens.toml").write_text('[ann]\nsha256 = "short"\nrights = ["read"]\n')
     return tmp_path
+
+
+@pytest.fixture
+def files(made: Path, tmp_path: Path) -> Path:
+    """The same in a folder of the test's own."""
+    return shutil.copytree(made, tmp_path / "site")
 
 
 def test_every_table_has_a_part_that_is_asked() -> None:

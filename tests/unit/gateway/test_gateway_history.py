@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sqlite3
 from collections.abc import Sequence
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,16 @@ def test_an_update_becomes_a_sample_with_the_time_of_its_value() -> None:
     lost = sample_of(update(quality=Quality.PORT_LOST, value=7, at=4.0))
     assert lost.value is None
     assert (lost.time, lost.quality) == (microseconds(NOON) + 4 * SECOND, Quality.PORT_LOST)
+
+
+@pytest.mark.parametrize("step", [-3600.0, 3600.0])
+def test_a_clock_that_steps_between_an_answer_and_its_update_moves_no_monotonic_time(
+    step: float,
+) -> None:
+    heard = update(value=1, at=3.0)
+    stepped = heard.polled._replace(time=heard.polled.time + timedelta(seconds=step))
+    sample = sample_of(heard._replace(polled=stepped))
+    assert (sample.time, sample.monotonic) == (microseconds(NOON) + 3 * SECOND, 3.0)
 
 
 def test_what_is_worth_it_is_written_and_can_be_asked(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from multidrop.gateway.mqtt_broker import demand_wanted, end_all
+from multidrop.gateway.mqtt_broker import end_all, end_if_cancelled
 
 
 async def _swallows_one() -> None:
@@ -40,11 +40,11 @@ def test_what_a_task_raised_is_no_failure_of_ending_it() -> None:
 
 def test_a_connection_that_is_no_longer_wanted_is_not_used() -> None:
     async def connects() -> None:
-        demand_wanted()
+        end_if_cancelled()
         try:
             await asyncio.Event().wait()
         except asyncio.CancelledError:
-            demand_wanted()
+            end_if_cancelled()
         raise AssertionError("went on")
 
     async def cancel() -> None:
