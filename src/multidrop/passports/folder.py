@@ -61,7 +61,14 @@ class Passports:
             if (item.passport.profile, item.passport.address) == (profile, address)
         ]
         same = [item for item in alike if item.passport.device == name]
-        return max(same or alike, key=lambda item: item.passport.time, default=None)
+        return max(
+            same or alike, key=lambda item: (item.passport.time, _in_turn(item.path)), default=None
+        )
+
+
+def _in_turn(path: Path) -> tuple[int, str]:
+    """Files of one second in the order in which they were made: `...Z`, `...Z-2`, `...Z-10`."""
+    return len(path.name), path.name
 
 
 # -- a list that is asked for again and again ---------------------------------------------------
@@ -117,7 +124,9 @@ class Index:
             self._known[path] = found
         listed = [item for _, item in self._known.values() if item is not None]
         never = datetime.min.replace(tzinfo=UTC)
-        return sorted(listed, key=lambda item: (item.time or never, item.path.name), reverse=True)
+        return sorted(
+            listed, key=lambda item: (item.time or never, _in_turn(item.path)), reverse=True
+        )
 
     def _files(self) -> Iterator[tuple[Path, tuple[int, int]]]:
         for path in self.folder.iterdir():
