@@ -61,7 +61,9 @@ class Passports:
             if (item.passport.profile, item.passport.address) == (profile, address)
         ]
         same = [item for item in alike if item.passport.device == name]
-        return max(same or alike, key=lambda item: item.passport.time, default=None)
+        return max(
+            same or alike, key=lambda item: _age(item.passport.time, item.path), default=None
+        )
 
 
 # -- a list that is asked for again and again ---------------------------------------------------
@@ -91,7 +93,9 @@ class Listed:
         """
         if not self.device:
             stem = re.escape(_stem(name))
-            return bool(re.fullmatch(rf"{stem}(-\d{{8}}T\d{{6}}Z(-\d+)?)?", _short(self.path)))
+            return bool(
+                re.fullmatch(rf"{stem}(-[0-9]{{8}}T[0-9]{{6}}Z(-[0-9]+)?)?", _short(self.path))
+            )
         if self.device == str(target.name):
             return True
         alike = (self.profile, self.address) == (target.profile.name, target.name.address)
@@ -115,7 +119,7 @@ class Index:
             self._known[path] = found
         listed = [item for _, item in self._known.values() if item is not None]
         never = datetime.min.replace(tzinfo=UTC)
-        return sorted(listed, key=lambda item: (item.time or never, item.path.name), reverse=True)
+        return sorted(listed, key=lambda item: _age(item.time or never, item.path), reverse=True)
 
     def _files(self) -> Iterator[tuple[Path, tuple[int, int]]]:
         for path in self.folder.iterdir():
@@ -167,6 +171,11 @@ def _listed(path: Path, size: int) -> Listed | None:
 def _stem(name: str) -> str:
     """A device's name as part of a file's name, that leads into no other folder."""
     return quote(name, safe=" ").replace(".", "%2E")
+
+
+def _age(time: datetime, path: Path) -> tuple[datetime, int, str]:
+    """Sorts passports, the oldest first; of one second the one with the higher number is the later."""
+    return time, len(path.name), path.name
 
 
 def _short(path: Path) -> str:

@@ -70,6 +70,14 @@ def test_the_newest_first_and_read_again_when_changed(tmp_path: Path) -> None:
     assert [item.path.stem for item in index.listed()] == ["1", "2"]
 
 
+def test_those_of_one_second_in_the_order_in_which_they_were_made(tmp_path: Path) -> None:
+    made = [save_as_new(passport(), "axis", tmp_path) for _ in range(11)]
+    assert [item.path for item in Index(tmp_path).listed()] == made[::-1]
+    latest = Passports.of(tmp_path).latest(AXIS)
+    assert latest is not None
+    assert latest.path == made[-1]
+
+
 def test_whose_it_is(tmp_path: Path) -> None:
     """Its own name goes first; another port's counts unless that is another device of the plant."""
     save(passport(), tmp_path / "own.toml")
