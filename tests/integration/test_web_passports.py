@@ -484,4 +484,4 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "multidrop.toml").write_text(plant.format(port="tcp://127.0.0.1:1"), "utf-8")
     multidrop("token", "tester", "--write", "-o", str(tmp_path / "tokens.toml"))
     ran = multidrop("run", str(tmp_path / "multidrop.toml"))
-    assert (ran.status, "passports.path" in ran.err) == (2, True), ran.err
+    assert (ran.status, str(tmp_path / "kept" / "deeper") in ran.err) == (2, True), ran.err

@@ -62,13 +62,8 @@ class Passports:
         ]
         same = [item for item in alike if item.passport.device == name]
         return max(
-            same or alike, key=lambda item: (item.passport.time, _in_turn(item.path)), default=None
+            same or alike, key=lambda item: _age(item.passport.time, item.path), default=None
         )
-
-
-def _in_turn(path: Path) -> tuple[int, str]:
-    """Files of one second in the order in which they were made: `...Z`, `...Z-2`, `...Z-10`."""
-    return len(path.name), path.name
 
 
 # -- a list that is asked for again and again ---------------------------------------------------
@@ -124,9 +119,7 @@ class Index:
             self._known[path] = found
         listed = [item for _, item in self._known.values() if item is not None]
         never = datetime.min.replace(tzinfo=UTC)
-        return sorted(
-            listed, key=lambda item: (item.time or never, _in_turn(item.path)), reverse=True
-        )
+        return sorted(listed, key=lambda item: _age(item.time or never, item.path), reverse=True)
 
     def _files(self) -> Iterator[tuple[Path, tuple[int, int]]]:
         for path in self.folder.iterdir():
@@ -178,6 +171,11 @@ def _listed(path: Path, size: int) -> Listed | None:
 def _stem(name: str) -> str:
     """A device's name as part of a file's name, that leads into no other folder."""
     return quote(name, safe=" ").replace(".", "%2E")
+
+
+def _age(time: datetime, path: Path) -> tuple[datetime, int, str]:
+    """Sorts passports, the oldest first; of one second the one with the higher number is the later."""
+    return time, len(path.name), path.name
 
 
 def _short(path: Path) -> str:

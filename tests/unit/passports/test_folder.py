@@ -70,12 +70,12 @@ def test_the_newest_first_and_read_again_when_changed(tmp_path: Path) -> None:
     assert [item.path.stem for item in index.listed()] == ["1", "2"]
 
 
-def test_of_one_second_the_last_one_made_is_the_newest(tmp_path: Path) -> None:
+def test_those_of_one_second_in_the_order_in_which_they_were_made(tmp_path: Path) -> None:
     made = [save_as_new(passport(), "axis", tmp_path) for _ in range(11)]
     assert [item.path for item in Index(tmp_path).listed()] == made[::-1]
-    newest = Passports.of(tmp_path).latest(AXIS)
-    assert newest is not None
-    assert newest.path == made[-1]
+    latest = Passports.of(tmp_path).latest(AXIS)
+    assert latest is not None
+    assert latest.path == made[-1]
 
 
 def test_whose_it_is(tmp_path: Path) -> None:
