@@ -18,6 +18,7 @@ from bench.gateway_process import (
     gateway,
     mqtt_missing,
     simulated,
+    wait_until,
 )
 from bench.latency import latencies, shown
 from bench.measure import Result
@@ -49,8 +50,7 @@ def run(seconds: float) -> Round:
         )
         mqtt = stack.enter_context(broker(folder, rest))
         process = stack.enter_context(gateway(paced(folder, ports, mqtt), own, full=True))
-        while not min(len(answers) for answers in asked(lines, "report")):
-            time.sleep(0.5)
+        wait_until(lambda: min(len(answers) for answers in asked(lines, "report")) > 0)
         browser, _ = stack.enter_context(simulated("browsers", rest, process.http, 1))
         states = None if mqtt is None else Subscriber(mqtt, folder, rest)
         time.sleep(SETTLE)

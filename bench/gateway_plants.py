@@ -56,6 +56,11 @@ def points_of(kinds: Sequence[Kind]) -> int:
     return sum(kind.lines * DEVICES * (kind.points + kind.more) for kind in kinds)
 
 
+def counted_of(kinds: Sequence[Kind]) -> int:
+    """Those of them whose values count."""
+    return sum(kind.lines * DEVICES * kind.points for kind in kinds)
+
+
 def messages_of(kinds: Sequence[Kind]) -> int:
     """Polls a second: points that stand side by side may come with one message."""
     found = 0

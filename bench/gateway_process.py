@@ -15,7 +15,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 from bench.measure import ROOT, line_of, start
 
 TICKS = os.sysconf("SC_CLK_TCK")
-STARTED_WITHIN = 30.0  # s
+STARTED_WITHIN, POLLED_WITHIN = 30.0, 60.0  # s
 TOPIC = "bench"
 
 
@@ -101,6 +101,15 @@ def simulated(module: str, *arguments: object) -> Iterator[tuple[subprocess.Pope
         yield process, json.loads(line_of(process.stdout))
     finally:
         process.communicate()
+
+
+def wait_until(ready: Callable[[], bool]) -> None:
+    """Raises `RuntimeError` where it takes too long."""
+    until = time.monotonic() + POLLED_WITHIN
+    while not ready():
+        if time.monotonic() > until:
+            raise RuntimeError(f"not every line was polled within {POLLED_WITHIN:.0f} s")
+        time.sleep(0.2)
 
 
 def asked(process: subprocess.Popen[str], question: str) -> Any:
