@@ -90,8 +90,15 @@ class PostgresServer:
 
     def kill(self) -> None:
         """At once, without a word to anybody: its children notice, and end."""
+        self._end(signal.SIGKILL)
+
+    def stop(self) -> None:
+        """In good order: it leaves nothing in the machine's shared memory."""
+        self._end(signal.SIGINT)
+
+    def _end(self, number: signal.Signals) -> None:
         if self._process is not None:
-            self._process.send_signal(signal.SIGKILL)
+            self._process.send_signal(number)
             self._process.wait(PATIENCE)
             self._process = None
 
@@ -110,4 +117,4 @@ def postgres_server(folder: Path) -> Iterator[PostgresServer]:
         try:
             yield server
         finally:
-            server.kill()
+            server.stop()

@@ -101,6 +101,8 @@ class GatewayLine:
             return
         polls = (poll for poll in self.plan.polls if poll.name == name)
         there = [point for poll in polls for point in poll.group if at_one_place(point, written)]
+        if not there:
+            return  # the device has gone with a reload, say
         read = Timed([found] * len(there), timed.received_at, timed.seconds)
         readings = self.service.device(name).readings(there, read)
         for point, reading in zip(there, readings, strict=True):

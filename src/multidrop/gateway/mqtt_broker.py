@@ -137,9 +137,8 @@ async def publish_together(client: aiomqtt.Client, states: Mapping[str, str]) ->
     Raises `MqttError` where the broker takes them no more.
     """
     try:
-        async with asyncio.timeout(
-            TIMEOUT
-        ):  # one for all: each of its own would be a task and a timer
+        # one time-out for all: each of its own would be a task and a timer
+        async with asyncio.timeout(TIMEOUT):
             await asyncio.gather(
                 *(
                     client.publish(topic, payload, retain=True, timeout=inf)

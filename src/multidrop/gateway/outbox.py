@@ -1,8 +1,8 @@
 """Records that wait on disk for a server that is away: in order, bounded, the oldest go first.
 
 One SQLite file. Every `put` is safe when the process is killed; against loss of power it is made
-safe once a second. What was delivered is taken out with the next `put`: after a crash in between it is delivered again, so
-whoever receives must know a record that came already.
+safe once a second. What was delivered is taken out with the next `put`: after a crash in between
+it is delivered again, so whoever receives must know a record that came already.
 """
 
 from __future__ import annotations

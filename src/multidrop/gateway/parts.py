@@ -24,7 +24,7 @@ PARTS: dict[str, str] = {
 """Table -> module, in the order in which they are started. Imported when needed.
 
 `part(gateway) -> Part` makes it; `wrong(plant, settings) -> Iterator[str]` says what is wrong with
-its table, key by key, and opens and changes nothing.
+its table, key by key; it opens no port, asks no server and changes no file.
 """
 
 
