@@ -108,6 +108,11 @@ class Running:
                 return line
         raise AssertionError(f"{part!r} was never printed: {self.out[-5:]} {self.err[-5:]}")
 
+    def prints(self, part: str) -> None:
+        """Wait until a line with `part` was printed, before or after those that were waited for."""
+        if not any(part in line for line in (*self.out, *self.err)):
+            self.wait_for(part)
+
     def interrupt(self) -> Ran:
         """Ctrl-C."""
         return self.end(signal.SIGINT)

@@ -90,7 +90,7 @@ def test_a_pseudo_terminal(plant: Simulator, tmp_path: Path) -> None:
 
 def test_beyond_this_machine(plant: Simulator) -> None:
     with share(plant.port, listen="tcp://0.0.0.0:0") as shared:
-        shared.program.wait_for("warning: a raw socket asks for no password")
+        shared.program.prints("warning: a raw socket asks for no password")
 
 
 @pytest.mark.parametrize(

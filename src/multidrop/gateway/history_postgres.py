@@ -63,16 +63,23 @@ def demand_dsn(dsn: str) -> None:
 class PostgresStore(Store):
     """History in the schema `multidrop`, or another, of the database that `dsn` names.
 
-    `outbox` None: it only reads. Raises `UsageError` for a `dsn` that is none.
+    `outbox` None: it only reads. `every` is the s between two transactions, each of which
+    makes the server wait for its disk. Raises `UsageError` for a `dsn` that is none.
     """
 
     def __init__(
-        self, dsn: str, outbox: Outbox | None = None, *, schema: str = "multidrop"
+        self,
+        dsn: str,
+        outbox: Outbox | None = None,
+        *,
+        schema: str = "multidrop",
+        every: float = SAFE_EVERY,
     ) -> None:
         demand_dsn(dsn)
         self._dsn = dsn
         self._schema = schema
         self._outbox = outbox
+        self._every = every
         self._reader: Connection | None = None
         self._error: str | None = None
         self._forget: int | None = None
@@ -143,7 +150,7 @@ class PostgresStore(Store):
         writing.take(batches, self._forget)
         self._outbox.done(waiting[-1].number)
         if len(waiting) < AT_ONCE:
-            self._stop.wait(SAFE_EVERY)  # each transaction makes the server wait for its disk
+            self._stop.wait(self._every)
         return True
 
     def _connect(self) -> Connection:

@@ -36,7 +36,7 @@ class KeptStore:
         from multidrop.gateway.outbox import Outbox
 
         outbox = Outbox(self._folder / "outbox.db", 100_000_000)
-        return PostgresStore(postgres_dsn(), outbox, schema=self._schema)
+        return PostgresStore(postgres_dsn(), outbox, schema=self._schema, every=0.01)
 
     def again(self) -> Store:
         self.store.close()
