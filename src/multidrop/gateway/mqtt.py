@@ -22,7 +22,7 @@ from multidrop.gateway.mqtt_broker import (
     command_of,
     demand_wanted,
     end_all,
-    publish_states,
+    hand_over,
     subscribe,
 )
 from multidrop.gateway.mqtt_commands import Command, done, failed, may_answer
@@ -193,17 +193,30 @@ class Mqtt:
             await self._send_waiting(client)
 
     async def _send_waiting(self, client: aiomqtt.Client) -> None:
-        """The oldest first, some at a time: between them others want to run."""
+        """The oldest first, some at a time: between them others want to run.
+
+        At the end of all that waited the client is waited for, so that no more than that is in it.
+        """
         while self._waiting:
-            states = []
-            for key in list(islice(self._waiting, TOGETHER)):
-                update = self._waiting.pop(key)
-                topic = self.topics.state(key)
-                if topic in self._keys:
-                    self._published[key] = update
-                    states.append((topic, state_payload(update)))
-            if states:
-                await publish_states(client, states)
+            for left in range(len(self._waiting), 0, -TOGETHER):
+                states = self._take_states(min(TOGETHER, left))
+                if left > TOGETHER or not states:
+                    hand_over(client, states)
+                    await asyncio.sleep(0)
+                else:
+                    hand_over(client, states[:-1])
+                    await client.publish(*states[-1], retain=True)
+
+    def _take_states(self, count: int) -> list[tuple[str, str]]:
+        """Topic and payload of the first that wait."""
+        states = []
+        for key in list(islice(self._waiting, count)):
+            update = self._waiting.pop(key)
+            topic = self.topics.state(key)
+            if topic in self._keys:
+                self._published[key] = update
+                states.append((topic, state_payload(update)))
+        return states
 
     async def _change(self, client: aiomqtt.Client) -> None:
         """After a reload: the states of points that are gone are taken back."""

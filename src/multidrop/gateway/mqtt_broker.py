@@ -105,17 +105,15 @@ async def subscribe(client: aiomqtt.Client, topic: str, options: SubscribeOption
             raise aiomqtt.MqttError(f"{topic} may not be subscribed to: {code}")
 
 
-async def publish_states(client: aiomqtt.Client, states: Sequence[tuple[str, str]]) -> None:
-    """Retained messages, topic and payload, in order. Returns when they are on their way.
+def hand_over(client: aiomqtt.Client, states: Sequence[tuple[str, str]]) -> None:
+    """Retained messages, topic and payload, that are not waited for.
 
-    Raises `MqttError` where the broker has gone.
+    aiomqtt waits for each, several rounds of the loop; its own client takes them all, and
+    has written them when it has written what is published next. That raises `MqttError`
+    where the broker has gone.
     """
-    *others, last = states
-    for topic, payload in others:
-        # aiomqtt would wait for each of them, several rounds of the loop; its own client
-        # takes them all, and has written them when it has written the last one
+    for topic, payload in states:
         client._client.publish(topic, payload, retain=True)
-    await client.publish(*last, retain=True)
 
 
 async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
@@ -207,6 +205,6 @@ __all__ = [
     "command_of",
     "demand_wanted",
     "end_all",
-    "publish_states",
+    "hand_over",
     "subscribe",
 ]
