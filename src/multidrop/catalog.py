@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from multidrop.device import misleading
 from multidrop.errors import UsageError
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
@@ -137,5 +138,11 @@ def check_points(profile: Profile, file: str) -> None:
         for name in profile.points:
             where = f"{file}: points.{name}"
             device.points(name)
+        for name in misleading(device, profile.points):
+            where = f"{file}: points.{name}"
+            raise UsageError(
+                f"{name!r} is a place of its own in this protocol, and would be read and "
+                "written instead: give the point another name"
+            )
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from None

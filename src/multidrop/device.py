@@ -7,12 +7,14 @@ nothing else, so none of them knows a protocol by name.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 from multidrop.conversation import Conversation
 from multidrop.decoder import Decoder
+from multidrop.errors import UsageError
 from multidrop.points import Point, Sample, Value
 from multidrop.profile import Profile
 from multidrop.timing import LineSettings
@@ -122,6 +124,17 @@ class Device(Protocol):
     def prepare_raw(self, text: str) -> Callable[[], Conversation[Any, Report]]:
         """One command body as is; raises `UsageError` before anything is sent."""
         ...
+
+
+def misleading(device: Device, names: Iterable[str]) -> Iterator[str]:
+    """Names of points that the protocol's grammar takes for a place, which is another one than theirs.
+
+    Whoever wrote to such a name would write there.
+    """
+    for name in names:
+        with suppress(UsageError):  # what cannot be said at all is told elsewhere
+            if any(point.name != name for point in device.points(name)):
+                yield name
 
 
 @runtime_checkable

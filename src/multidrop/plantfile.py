@@ -16,12 +16,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from multidrop.device import misleading
 from multidrop.errors import UsageError
 from multidrop.naming import LINE_KEYS, DeviceName
 from multidrop.plant import Limits, Plant, PlantDevice, PlantPoint
@@ -127,11 +128,13 @@ class _Reading:
         options = {
             key: str(value) for key, value in line_entry.items() if key not in ("port", "device")
         }
+        profile_here = replace(profile, points={**described, **_without(profile.points, described)})
+        self._names_lead_there(profile_here, points, f"{where}.points")
         self.devices[name] = PlantDevice(
             name=name,
             line=line,
             device=DeviceName(entry["profile"], address, line_entry["port"], options),
-            profile=replace(profile, points={**described, **_without(profile.points, described)}),
+            profile=profile_here,
             known=profile,
             points=points,
             on_fault=self._texts(entry.get("on_fault", []), f"{where}.on_fault"),
@@ -166,6 +169,14 @@ class _Reading:
             self._known(given, POINT_KEYS, f"{where}.{name}")
             points[name], described[name] = self._point(name, given, profile, f"{where}.{name}")
         return points, described
+
+    def _names_lead_there(self, profile: Profile, names: Iterable[str], where: str) -> None:
+        device = PROTOCOLS[profile.protocol].device(0, profile, {})
+        for name in misleading(device, names):
+            self.wrong.append(
+                f"{where}.{name}: {name!r} is a place of its own in this protocol, and would be "
+                "read and written instead: give the point another name"
+            )
 
     def _point(
         self, name: str, given: dict[str, Any], profile: Profile, where: str

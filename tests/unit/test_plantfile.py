@@ -10,6 +10,7 @@ from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.plantfile import Limits, Plant, PlantPoint, load_plant, parse_plant, survey
 from multidrop.points import Role
+from multidrop.protocols import PROTOCOLS
 
 PLANT = """
 [line.press]
@@ -199,3 +200,35 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(UsageError, match="not UTF-8"):
         load_plant(tmp_path / "bytes.toml", load_profile)
+
+
+def named(profile: str, name: str, at: str) -> Plant:
+    return survey(
+        f'[line.a]\nport = "tcp://host:1"\n[line.a.device.d]\nprofile = "{profile}"\naddress = 3\n'
+        f'[line.a.device.d.points]\n"{name}" = {{ at = "{at}", write = {{ min = 0, max = 10 }} }}\n',
+        "plant.toml",
+        load_profile,
+    )
+
+
+@pytest.mark.parametrize(
+    ("profile", "name", "at"),
+    [("53mc5000", "c10", "C250"), ("flexmax", "8236", "8237:int16"), ("ultra3000", "0x011", "0x012")],
+)  # fmt: skip
+def test_a_name_that_is_another_place_is_refused(profile: str, name: str, at: str) -> None:
+    """A write to it would go there, within limits that are meant for what the plant says."""
+    (wrong,) = named(profile, name, at).wrong
+    assert wrong.startswith(f"plant.toml: line.a.device.d.points.{name}: ")
+    assert "place of its own" in wrong
+
+
+@pytest.mark.parametrize(
+    ("profile", "name", "at"),
+    [("53mc5000", "C250", "C250"), ("flexmax", "p44", "8237:int16"), ("ultra3000", "kp", "0x012")],
+)
+def test_the_plants_own_names_go_before_a_profiles(profile: str, name: str, at: str) -> None:
+    plant = named(profile, name, at)
+    assert plant.wrong == ()
+    device = plant.devices["d"]
+    there = PROTOCOLS[device.profile.protocol].device(3, device.profile, {}).point(name)
+    assert there.text == at.removesuffix(":int16")
