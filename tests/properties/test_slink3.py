@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from choices import Choices, tried_with
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 from strategies import profile_of
@@ -22,6 +22,7 @@ from multidrop.profile import PointDescription
 from multidrop.protocols import PROTOCOLS, slink3
 from multidrop.protocols.slink3 import Format, Slave
 from multidrop.protocols.slink3.describe import describe
+from multidrop.protocols.slink3.device import Slink3Device
 from multidrop.protocols.slink3.points import ParameterPoint, parse_point
 from multidrop.protocols.slink3.slave import Reply
 from multidrop.protocols.slink3.values import decode_value, encode_value, parse_value
@@ -101,16 +102,20 @@ PIECES = ["std", "dgfc", "drive", "dest2", "dest9", "/", ".", ":", "8236", "0x60
 TEXTS = st.lists(st.sampled_from(PIECES), max_size=8).map("".join) | st.text(max_size=12)
 
 
+@example("dgfc386", "drive/255")
 @given(PROFILES, TEXTS)
 def test_any_text_is_a_point_or_is_refused(name: str, text: str) -> None:
     device = PROTOCOLS["slink3"].device(1, profile_of(name), {})
+    assert isinstance(device, Slink3Device)
     try:
         point = device.point(text)
     except errors.UsageError:
         return
     assert isinstance(point, ParameterPoint)
     again = parse_point(
-        f"{point.text}:{point.type}" if point.type else point.text, device.profile, slink3.SLINK3
+        f"{point.text}:{point.type}" if point.type else point.text,
+        device.profile,
+        device.master.dialect,
     )
     assert (again.index, again.subindex, again.standard) == (
         point.index,
