@@ -102,7 +102,7 @@ def once(conversation: Conversation[FrameT, ResultT]) -> Conversation[FrameT, Re
         while True:
             step = conversation.send(answer) if error is None else conversation.throw(error)
             if isinstance(step, Ask):
-                step = type(step)(step.frame, step.repeatable, 1)
+                step = type(step)(step.frame, step.repeatable, 1, step.rests)
             answer, error = None, None
             try:
                 answer = yield step

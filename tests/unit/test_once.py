@@ -69,3 +69,12 @@ def test_silence_costs_one_time_out(converse: Any, attempts: int) -> None:
         exchange.result()
     assert caught.value.attempts == session.counters.requests == attempts
     assert not exchange.acted
+
+
+def test_a_step_stays_all_that_it_is_but_for_its_attempts() -> None:
+    """One that must rest before it is repeated must so in the next exchange too."""
+
+    def change() -> Conversation[Any, None]:
+        yield Ask("change", repeatable=True, rests=True)
+
+    assert next(once(change())) == Ask("change", repeatable=True, attempts=1, rests=True)
