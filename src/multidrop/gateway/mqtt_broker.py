@@ -6,7 +6,7 @@ import asyncio
 import logging
 import os
 import ssl
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from ipaddress import ip_address
 from math import inf
 from pathlib import Path
@@ -131,18 +131,21 @@ async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def publish_together(client: aiomqtt.Client, states: Mapping[str, str]) -> None:
-    """Topic -> retained state; `AT_ONCE` of them cost little more than a few.
+async def publish_together(
+    client: aiomqtt.Client, messages: Iterable[tuple[str, str, bool]], qos: int = 0
+) -> None:
+    """Topic, payload, whether retained: in this order; `AT_ONCE` of them cost little more than a few.
 
-    Raises `MqttError` where the broker takes them no more.
+    With a `qos` it returns when the broker has confirmed them all. Raises `MqttError` where
+    it takes them no more.
     """
     try:
         # one time-out for all: each of its own would be a task and a timer
         async with asyncio.timeout(TIMEOUT):
             await asyncio.gather(
                 *(
-                    client.publish(topic, payload, retain=True, timeout=inf)
-                    for topic, payload in states.items()
+                    client.publish(topic, payload, qos=qos, retain=retain, timeout=inf)
+                    for topic, payload, retain in messages
                 )
             )
     except TimeoutError:

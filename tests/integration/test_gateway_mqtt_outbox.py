@@ -1,0 +1,175 @@
+"""States that wait for a broker that is away: a real Mosquitto that is killed, gateways that are too."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from integration.counting import CountingLine, counting, stop, wait_until
+from integration.gateways import Client
+from integration.mosquitto import Broker, broker
+from integration.processes import Running, running
+from integration.test_gateway_mqtt import Watcher, watcher
+
+OUTBOX = 'outbox = "mqtt-outbox.db"'
+STATUS = "multidrop/status"
+
+
+class Site:
+    """Drives that count, a gateway with an outbox, and a broker."""
+
+    def __init__(self, folder: Path, mosquitto: Broker, lines: list[CountingLine]) -> None:
+        self.folder, self.mosquitto, self.lines = folder, mosquitto, lines
+        tables = f'[mqtt]\nhost = "127.0.0.1"\nport = {mosquitto.port}\n{OUTBOX}\n'
+        http = '[http]\nlisten = "127.0.0.1:0"\n'
+        text = "".join(line.toml for line in lines) + tables + http
+        (folder / "multidrop.toml").write_text(text)
+
+    @contextmanager
+    def gateway(self) -> Iterator[Running]:
+        with running("run", cwd=self.folder) as program:
+            yield program
+
+    def given(self) -> list[int]:
+        return [len(line.given) for line in self.lines]
+
+
+@contextmanager
+def site(folder: Path, count: int = 2) -> Iterator[Site]:
+    with ExitStack() as stack:
+        mosquitto = stack.enter_context(broker(folder))
+        lines = [CountingLine(f"line{number}") for number in range(count)]
+        stack.enter_context(counting(*lines))
+        yield Site(folder, mosquitto, lines)
+
+
+def said(program: Running, text: str, times: int = 1) -> str:
+    """Wait until the gateway has said it so often; the last such line."""
+
+    def lines() -> list[str]:
+        return [line for line in [*program.out, *program.err] if text in line]
+
+    wait_until(lambda: len(lines()) >= times)
+    return lines()[-1]
+
+
+def away(program: Running) -> None:
+    assert "states wait in mqtt-outbox.db" in said(program, "is away")
+
+
+def numbers(watching: Watcher, line: CountingLine) -> list[int]:
+    """What a subscriber heard of a drive's `count`, as it came."""
+    states = [
+        json.loads(message.payload)
+        for message in watching.messages
+        if str(message.topic) == f"multidrop/{line.name}/count"
+    ]
+    return [state["value"] for state in states if state["value"] is not None]
+
+
+def records(watching: Watcher, topic: str) -> list[tuple[int, int]]:
+    payloads = [json.loads(m.payload) for m in watching.messages if str(m.topic) == topic]
+    return [tuple(one["record"]) for one in payloads if "record" in one]
+
+
+@contextlib.asynccontextmanager
+async def back(place: Site) -> AsyncIterator[Watcher]:
+    """A broker that is there again, and somebody who hears everything from then on."""
+    place.mosquitto.start()
+    async with watcher(place.mosquitto) as watching:
+        yield watching
+
+
+async def until_count(watching: Watcher, line: CountingLine, least: int) -> None:
+    def enough(state: Any) -> bool:
+        return (state["value"] or 0) >= least
+
+    await watching.until(f"multidrop/{line.name}/count", enough)
+
+
+def all_in_order_and_once(watching: Watcher, place: Site, since: list[int]) -> None:
+    for line, first in zip(place.lines, since, strict=True):
+        found = numbers(watching, line)
+        assert found == list(range(found[0], found[-1] + 1))
+        assert found[0] <= first + 1
+
+
+def test_a_broker_that_is_killed_is_given_everything_when_it_is_back(tmp_path: Path) -> None:
+    """In order, once, and the gateway is online only behind it."""
+    with site(tmp_path) as place, place.gateway() as program:
+        status = Client(said(program, "http://").strip())
+        said(program, "mqtt: connected")
+        for line in place.lines:
+            line.wait_for_more(10)
+        assert status.get("/api/status").json["mqtt"]["error"] is None
+        place.mosquitto.kill()
+        since = place.given()
+        away(program)
+        for line in place.lines:
+            line.wait_for_more(60)
+        told = status.get("/api/status").json["mqtt"]
+        assert told["error"]
+        assert told["waiting"] > 100
+        assert told["hours"] > 1
+        assert b"multidrop_mqtt_outbox_hours" in status.get("/metrics").body
+        before = place.given()
+
+        async def heard() -> None:
+            async with back(place) as watching:
+                await watching.until(STATUS, lambda said: said == "online")
+                for line, least in zip(place.lines, before, strict=True):
+                    assert numbers(watching, line)[-1] >= least  # before it said online
+                for line in place.lines:
+                    await until_count(watching, line, len(line.given) + 10)
+                all_in_order_and_once(watching, place, since)
+                for line in place.lines:
+                    topic = f"multidrop/{line.name}/count"
+                    found = records(watching, topic)
+                    assert found == sorted(set(found))
+
+        asyncio.run(heard())
+        said(program, "have followed")
+        wait_until(lambda: status.get("/api/status").json["mqtt"]["waiting"] < 10)
+        stop(program)
+
+
+def test_a_gateway_that_is_killed_while_its_broker_is_away(tmp_path: Path) -> None:
+    """What was put away is there, except at most the last second, and the next run goes on behind it."""
+    with site(tmp_path) as place:
+        with place.gateway() as program:
+            said(program, "mqtt: connected")
+            place.lines[0].wait_for_more(10)
+            place.mosquitto.kill()
+            since = place.given()
+            away(program)
+            place.lines[0].wait_for_more(60)
+            program.end()
+        killed = [line.given[-1] for line in place.lines]
+
+        with place.gateway() as program:
+            away(program)
+            place.lines[0].wait_for_more(20)
+
+            async def heard() -> None:
+                async with back(place) as watching:
+                    await watching.until(STATUS, lambda said: said == "online")
+                    for line, first, last in zip(place.lines, since, killed, strict=True):
+                        found = numbers(watching, line)
+                        assert found == sorted(set(found))
+                        assert found[0] <= first + 1
+                        lost = set(range(found[0], found[-1] + 1)) - set(found)
+                        assert all(
+                            last.monotonic - line.given[number - 1].monotonic < 1.0
+                            for number in lost
+                        )
+                        runs = records(watching, f"multidrop/{line.name}/count")
+                        assert runs == sorted(runs)
+                        assert len({run for run, _ in runs}) == 2
+
+            asyncio.run(heard())
+            stop(program)
