@@ -184,12 +184,13 @@ class Mqtt:
     def _take(self, update: Update) -> None:
         """A listener of `Values`: what is new waits, in the place of what waited before or behind it."""
         key = update.key
-        if self._plant is not self.gateway.plant or self._is_news(key, update):
-            if self._backlog is None:
-                self._waiting[key] = update
-            else:
-                self._published[key] = update
-                self._backlog.add(self.topics.state(key), update)
+        changed, news = self._plant is not self.gateway.plant, self._is_news(key, update)
+        if self._backlog is not None and news:
+            self._published[key] = update
+            self._backlog.add(self.topics.state(key), update)
+        elif self._backlog is None and (news or changed):
+            self._waiting[key] = update
+        if news or changed:
             self._wake.set()
 
     def _is_news(self, key: Key, update: Update) -> bool:
@@ -205,7 +206,7 @@ class Mqtt:
         if one == other or not polled.good:
             return False
         if isinstance(one, int | float) and isinstance(other, int | float):
-            device = self._plant.devices.get(update.device)
+            device = self.gateway.plant.devices.get(update.device)
             known = device.points.get(update.point) if device is not None else None
             return known is None or not abs(one - other) < known.deadband
         return True
@@ -214,6 +215,8 @@ class Mqtt:
         """First what the broker has of another day is replaced, and only then the gateway is online."""
         await self._subscribe(client)
         if self._backlog is not None:
+            if self._plant is not self.gateway.plant:
+                await self._change(client)
             await self._send_waiting(client)
         for topic, key in self._keys.items():
             if key not in self.gateway.values.latest:
