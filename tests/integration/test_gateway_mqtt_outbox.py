@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import sqlite3
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -14,20 +15,22 @@ from integration.counting import CountingLine, counting, stop, wait_until
 from integration.gateways import Client
 from integration.mosquitto import Broker, broker
 from integration.processes import Running, running
+from integration.proxy import Proxy
 from integration.test_gateway_mqtt import Watcher, watcher
 
-OUTBOX = 'outbox = "mqtt-outbox.db"'
 STATUS = "multidrop/status"
 
 
 class Site:
     """Drives that count, a gateway with an outbox, and a broker."""
 
-    def __init__(self, folder: Path, mosquitto: Broker, lines: list[CountingLine]) -> None:
+    def __init__(
+        self, folder: Path, mosquitto: Broker, lines: list[CountingLine], port: int, more: str
+    ) -> None:
         self.folder, self.mosquitto, self.lines = folder, mosquitto, lines
-        tables = f'[mqtt]\nhost = "127.0.0.1"\nport = {mosquitto.port}\n{OUTBOX}\n'
+        mqtt = f'[mqtt]\nhost = "127.0.0.1"\nport = {port}\noutbox = "mqtt-outbox.db"\n{more}\n'
         http = '[http]\nlisten = "127.0.0.1:0"\n'
-        text = "".join(line.toml for line in lines) + tables + http
+        text = "".join(line.toml for line in lines) + mqtt + http
         (folder / "multidrop.toml").write_text(text)
 
     @contextmanager
@@ -40,12 +43,20 @@ class Site:
 
 
 @contextmanager
-def site(folder: Path, count: int = 2) -> Iterator[Site]:
+def site(folder: Path, more: str = "") -> Iterator[Site]:
+    """`more` is added to `[mqtt]`."""
     with ExitStack() as stack:
         mosquitto = stack.enter_context(broker(folder))
-        lines = [CountingLine(f"line{number}") for number in range(count)]
+        lines = [CountingLine(f"line{number}") for number in range(2)]
         stack.enter_context(counting(*lines))
-        yield Site(folder, mosquitto, lines)
+        yield Site(folder, mosquitto, lines, mosquitto.port, more)
+
+
+@contextmanager
+def cuttable(folder: Path, more: str = "") -> Iterator[tuple[Site, Proxy]]:
+    """The gateway reaches its broker by a way that can be cut, while others still reach it."""
+    with site(folder) as place, contextlib.closing(Proxy("127.0.0.1", place.mosquitto.port)) as way:
+        yield Site(folder, place.mosquitto, place.lines, way.port, more), way
 
 
 def said(program: Running, text: str, times: int = 1) -> str:
@@ -173,3 +184,99 @@ def test_a_gateway_that_is_killed_while_its_broker_is_away(tmp_path: Path) -> No
 
             asyncio.run(heard())
             stop(program)
+
+
+def test_a_connection_that_breaks_in_the_middle_of_what_waited(tmp_path: Path) -> None:
+    """What was not confirmed comes again; who goes by `record` has everything in order and once."""
+    with cuttable(tmp_path) as (place, way), place.gateway() as program:
+        said(program, "mqtt: connected")
+
+        async def heard() -> None:
+            async with watcher(place.mosquitto) as watching:
+                await until_count(watching, place.lines[0], 10)
+                for _ in range(3):
+                    way.cut()
+                    await asyncio.to_thread(place.lines[0].wait_for_more, 40)
+                    way.join()
+                    seen = len(watching.messages)
+                    while len(watching.messages) < seen + 20:
+                        watching.messages.append(await anext(aiter(watching.client.messages)))
+                for line in place.lines:
+                    await until_count(watching, line, len(line.given) + 10)
+                for line in place.lines:
+                    once_by_record(watching, line)
+
+        asyncio.run(heard())
+        stop(program)
+
+
+def once_by_record(watching: Watcher, line: CountingLine) -> None:
+    newest = (0, 0)
+    found: list[int] = []
+    for message in watching.messages:
+        if str(message.topic) == f"multidrop/{line.name}/count":
+            state = json.loads(message.payload)
+            if "record" in state and tuple(state["record"]) > newest:
+                newest = tuple(state["record"])
+                if state["value"] is not None:
+                    found.append(state["value"])
+    assert found == list(range(found[0], found[-1] + 1))
+
+
+def test_beyond_the_bound_a_gap_is_published_in_its_place(tmp_path: Path) -> None:
+    with site(tmp_path, "outbox_size = 1") as place:
+        place.mosquitto.kill()
+        with place.gateway() as program:
+            away(program)
+            for line in place.lines:
+                line.wait_for_more(20)
+            stop(program)
+        lost = blown_up(tmp_path / "mqtt-outbox.db")
+        with place.gateway() as program:
+            away(program)
+            for line in place.lines:
+                line.wait_for_more(40)
+
+            async def heard() -> None:
+                async with back(place) as watching:
+                    await watching.until(STATUS, lambda said: said == "online")
+                    messages = [m for m in watching.messages if str(m.topic) != STATUS]
+                    assert str(messages[0].topic) == "multidrop/gap"
+                    gap = json.loads(messages[0].payload)
+                    assert gap["states"] == lost
+                    assert gap["reason"] == "the outbox was full"
+                    assert gap["from"] < gap["until"]
+                    assert json.loads(messages[1].payload)["record"] == gap["before"]
+
+            asyncio.run(heard())
+            stop(program)
+
+
+def blown_up(path: Path) -> int:
+    """Make the oldest record of an outbox so large that it has no room beside others; its states."""
+    with contextlib.closing(sqlite3.connect(path)) as file, file:
+        oldest = "number = (SELECT min(number) FROM records)"
+        file.execute(f"UPDATE records SET data = zeroblob(1000000) WHERE {oldest}")
+        (states,) = file.execute(f"SELECT samples FROM records WHERE {oldest}").fetchone()
+    return int(states)
+
+
+def test_no_command_waits(tmp_path: Path) -> None:
+    """Neither in the outbox nor at the broker: a machine must not start because a broker came back."""
+    with cuttable(tmp_path, "commands = true") as (place, way), place.gateway() as program:
+
+        async def heard() -> None:
+            async with watcher(place.mosquitto) as watching:
+                await watching.until(STATUS, lambda said: said == "online")
+                way.cut()
+                await watching.until(STATUS, lambda said: said == "offline")
+                await watching.command("7", "multidrop/line0/feed/set", expiry=10)
+                await asyncio.to_thread(place.lines[0].wait_for_more, 20)
+                way.join()
+                await watching.until(STATUS, lambda said: said == "online")
+                await asyncio.to_thread(place.lines[0].wait_for_more, 20)
+                assert "answers/test" not in watching.seen
+                assert json.loads(watching.seen["multidrop/line0/feed"])["value"] == 0
+
+        asyncio.run(heard())
+        stop(program)
