@@ -194,7 +194,7 @@ def test_a_connection_that_breaks_in_the_middle_of_what_waited(tmp_path: Path) -
         async def heard() -> None:
             async with watcher(place.mosquitto) as watching:
                 await until_count(watching, place.lines[0], 10)
-                for _ in range(3):
+                for _ in range(4):
                     way.cut()
                     await asyncio.to_thread(place.lines[0].wait_for_more, 40)
                     way.join()

@@ -139,17 +139,19 @@ async def publish_together(
     With a `qos` it returns when the broker has confirmed them all. Raises `MqttError` where
     it takes them no more.
     """
+    tasks = [
+        asyncio.ensure_future(client.publish(topic, payload, qos=qos, retain=retain, timeout=inf))
+        for topic, payload, retain in messages
+    ]
     try:
         # one time-out for all: each of its own would be a task and a timer
         async with asyncio.timeout(TIMEOUT):
-            await asyncio.gather(
-                *(
-                    client.publish(topic, payload, qos=qos, retain=retain, timeout=inf)
-                    for topic, payload, retain in messages
-                )
-            )
+            await asyncio.gather(*tasks)
     except TimeoutError:
         raise aiomqtt.MqttError("Operation timed out") from None
+    finally:
+        for task in tasks:  # where one has failed others may wait for ever
+            task.cancel()
 
 
 def command_of(topic: str, message: aiomqtt.Message) -> Command:

@@ -197,6 +197,26 @@ def test_what_a_silent_broker_never_confirms_comes_first(tmp_path: Path) -> None
     ran(tmp_path, test)
 
 
+def test_a_connection_that_breaks_leaves_nobody_waiting(tmp_path: Path) -> None:
+    """Some of a lot wait for their confirmation while the next is refused."""
+
+    class Breaks(Client):
+        async def publish(
+            self, topic: str, payload: str, *, qos: int, retain: bool, timeout: float
+        ) -> None:
+            self.hangs = len(self.given) < 3
+            await super().publish(topic, payload, qos=qos, retain=retain, timeout=timeout)
+
+    async def test(place: Place) -> None:
+        others = asyncio.all_tasks()
+        place.add(*range(5))
+        await place.break_off(Breaks(0))
+        await asyncio.sleep(0)
+        assert asyncio.all_tasks() == others
+
+    ran(tmp_path, test)
+
+
 def test_what_was_delivered_leaves_the_disk_while_more_follows(tmp_path: Path) -> None:
     """So a kill in the middle of a long backlog makes a second of it come again, and not all."""
 
