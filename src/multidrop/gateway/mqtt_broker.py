@@ -54,6 +54,28 @@ QUIET = logging.getLogger("multidrop.mqtt")
 QUIET.addHandler(logging.NullHandler())
 
 
+class Client(aiomqtt.Client):
+    """aiomqtt's, but a socket that is closed by then is not watched.
+
+    It is where a write is the first to notice that the broker has gone: aiomqtt's own makes asyncio
+    complain of that at length on standard error.
+    """
+
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
+        self._loop.call_soon_threadsafe(self._watch, client, sock)
+
+    def _watch(self, client: Any, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.add_writer(sock.fileno(), self._write, client)
+
+    def _write(self, client: Any) -> None:
+        try:
+            client.loop_write()
+        except Exception as error:  # as aiomqtt's own: whatever it is, it ends the connection
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+
+
 class Broker:
     """Where a broker is, and what it takes to connect. Raises `UsageError` for what cannot be."""
 
@@ -78,7 +100,7 @@ class Broker:
         """
         session = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
         session.SessionExpiryInterval = 0
-        made = aiomqtt.Client(
+        made = Client(
             self._settings.host,
             self._settings.port,
             username=self._settings.user,
