@@ -135,6 +135,8 @@ def test_a_broker_that_is_killed_is_given_everything_when_it_is_back(tmp_path: P
                 await watching.until(STATUS, lambda said: said == "online")
                 for line, least in zip(place.lines, before, strict=True):
                     assert numbers(watching, line)[-1] >= least  # before it said online
+                    never_changed = json.loads(watching.seen[f"multidrop/{line.name}/feed"])
+                    assert never_changed["value"] == 0  # which the broker had forgotten
                 for line in place.lines:
                     await until_count(watching, line, len(line.given) + 10)
                 all_in_order_and_once(watching, place, since)
