@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
+import socket
 import ssl
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from ipaddress import ip_address
@@ -55,11 +57,26 @@ QUIET.addHandler(logging.NullHandler())
 
 
 class Client(aiomqtt.Client):
-    """aiomqtt's, but a socket that is closed by then is not watched.
+    """aiomqtt's, but it does not watch a socket that is closed, and does not keep a broker waiting.
 
-    It is where a write is the first to notice that the broker has gone: aiomqtt's own makes asyncio
-    complain of that at length on standard error.
+    A socket is closed by then where a write is the first to notice that the broker has gone:
+    aiomqtt's own makes asyncio complain of that at length on standard error.
     """
+
+    def _on_publish(self, client: Any, userdata: Any, mid: int, code: Any, facts: Any) -> None:
+        if mid in self._pending_publishes:
+            self._acknowledge()
+        super()._on_publish(client, userdata, mid, code, facts)
+
+    def _acknowledge(self) -> None:
+        """A broker that gathers small packets sends its next confirmation when TCP has acknowledged this one.
+
+        The system else does that 40 ms later, and has to be told each time.
+        """
+        sock: Any = self._client.socket()
+        if sock is not None and hasattr(socket, "TCP_QUICKACK"):
+            with contextlib.suppress(OSError):  # it may be closed
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
         self._loop.call_soon_threadsafe(self._watch, client, sock)
