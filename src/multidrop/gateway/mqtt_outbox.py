@@ -162,7 +162,7 @@ class Backlog:
     async def deliver(
         self, client: aiomqtt.Client, topics: Topics, retained: Collection[str]
     ) -> None:
-        """Until nothing waits; only `retained` topics are. Raises `MqttError`.
+        """Until nothing waits; only `retained` topics are. Raises `MqttError`, `UsageError`.
 
         What it leaves unconfirmed it still has; `put_back` says that it will not be.
         """
@@ -193,7 +193,7 @@ class Backlog:
             if self._behind:
                 waiting = await self._read(self._outbox.take)
                 if waiting:
-                    self._flying = unpack(waiting[0])
+                    self._flying = self._unpacked(waiting[0])
                     return self._flying
                 await self._forget()
                 self._behind = False
@@ -203,6 +203,14 @@ class Backlog:
             lot = Lot([self._fresh.popleft() for _ in range(count)], self._lost)
             self._lost, self._flying = None, lot
             return lot
+
+    def _unpacked(self, waiting: Waiting) -> Lot:
+        try:
+            return unpack(waiting)
+        except (zlib.error, ValueError, KeyError, TypeError):
+            raise UsageError(
+                f"mqtt.outbox {self._outbox.path}: what waits in it is damaged, or history's: move it away"
+            ) from None
 
     async def _done(self, lot: Lot) -> None:
         async with self._turn:

@@ -18,11 +18,14 @@ from multidrop.gateway.mqtt_broker import AT_ONCE
 from multidrop.gateway.mqtt_outbox import KEEP_EVERY, Backlog
 from multidrop.gateway.mqtt_topics import Topics
 from multidrop.gateway.outbox import Outbox
+from multidrop.gateway.packing import pack
+from multidrop.gateway.records import Batch, Span
 from unit.gateway.updates import update
 
 TOPICS = Topics("m")
 TOPIC = "m/infeed/p"
 ROOM = 1_000_000
+BATCH = Batch(1, Span("run", 1, 0, 0, None), 1)
 
 
 class Client:
@@ -369,6 +372,19 @@ def test_an_outbox_that_cannot_be_read_ends_the_connection(tmp_path: Path) -> No
             await place.deliver(Client())
         place.outbox._file.execute("ALTER TABLE gone RENAME TO records")
         assert (await place.deliver(Client())).values == [1]
+
+    ran(tmp_path, test)
+
+
+@pytest.mark.parametrize("data", [b"", b"no states", pack(BATCH)])
+def test_what_are_no_states_is_not_published(tmp_path: Path, data: bytes) -> None:
+    async def test(place: Place) -> None:
+        place.outbox.put([(data, 0, 0, 1)])
+        place.backlog._behind = True
+        with pytest.raises(
+            UsageError, match=r"outbox.db: what waits in it is damaged, or history's"
+        ):
+            await place.deliver(Client())
 
     ran(tmp_path, test)
 
