@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import sqlite3
 import time
 import zlib
@@ -18,11 +17,12 @@ from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt_broker import AT_ONCE, aiomqtt, publish_together
-from multidrop.gateway.mqtt_topics import Record, Topics, gap_payload, state_payload
+from multidrop.gateway.mqtt_lots import Lot, State, joined, packed, unpack
+from multidrop.gateway.mqtt_topics import Topics, gap_payload, state_payload
 from multidrop.gateway.outbox import OVERFLOW, Outbox, demand_outbox
 from multidrop.gateway.records import Gap, microseconds
 from multidrop.gateway.settings import demand_writable, objections
@@ -61,28 +61,6 @@ class MqttState:
     error: str | None
     waiting: int | None = None
     hours: float | None = None
-
-
-class State(NamedTuple):
-    """A state as it is published. `time` (µs) is its own; `added` (s) is when it came in here."""
-
-    topic: str
-    payload: str
-    time: int
-    record: Record
-    added: float
-
-
-@dataclass(slots=True)
-class Lot:
-    """States that are sent, and confirmed, together; `lost` is what went before them.
-
-    `number` is the one that the outbox has for it, None while it is in memory only.
-    """
-
-    states: list[State]
-    lost: Gap | None = None
-    number: int | None = None
 
 
 class Backlog:
@@ -154,7 +132,7 @@ class Backlog:
             self._rate.take(state)
         if len(self._fresh) >= MOST_IN_MEMORY:
             gone = self._fresh.popleft()
-            self._lost = _joined(self._lost, Gap(gone.time, gone.time, OVERFLOW, 1))
+            self._lost = joined(self._lost, Gap(gone.time, gone.time, OVERFLOW, 1))
         self._fresh.append(state)
 
     # -- to the broker -------------------------------------------------------------------------
@@ -183,7 +161,7 @@ class Backlog:
             lot, self._flying = self._flying, None
             if lot is not None and lot.number is None:
                 self._fresh.extendleft(reversed(lot.states))
-                self._lost = _joined(lot.lost, self._lost)
+                self._lost = joined(lot.lost, self._lost)
             self.confirmed.clear()
             self.followed = 0
             await self._on_disk(self._outbox.put_back)
@@ -263,7 +241,7 @@ class Backlog:
         except sqlite3.Error as error:
             self.error = f"{self._outbox.path}: {error}"
             self._fresh.extendleft(reversed(fresh))
-            self._lost = _joined(lost, self._lost)
+            self._lost = joined(lost, self._lost)
             return
         self.error = None
         self._behind = True
@@ -363,37 +341,3 @@ class Rate:
             self._each = len(packed(Lot(list(self._newest)))[0]) / len(self._newest)
         count, self._count = self._count, 0
         return round(count * self._each)
-
-
-def packed(lot: Lot) -> tuple[bytes, int, int, int]:
-    """A lot as the outbox takes it: bytes, its first and last time (µs), how many states."""
-    facts = {
-        "lost": None if lot.lost is None else list(_facts(lot.lost)),
-        "states": [[state.topic, state.payload, state.time, *state.record] for state in lot.states],
-    }
-    data = zlib.compress(json.dumps(facts, separators=(",", ":")).encode(), 1)
-    times = [state.time for state in lot.states]
-    return data, min(times), max(times), len(lot.states)
-
-
-def unpack(waiting: Waiting) -> Lot:
-    """The lot again, with what the outbox had to give up before it."""
-    facts = json.loads(zlib.decompress(waiting.data))
-    states = [
-        State(topic, payload, when, (run, number), 0.0)
-        for topic, payload, when, run, number in facts["states"]
-    ]
-    own = None if facts["lost"] is None else Gap(*facts["lost"])
-    return Lot(states, _joined(waiting.lost, own), waiting.number)
-
-
-def _facts(gap: Gap) -> tuple[int, int, str, int | None]:
-    return gap.start, gap.end, gap.reason, gap.samples
-
-
-def _joined(one: Gap | None, other: Gap | None) -> Gap | None:
-    """Two gaps in a row as one."""
-    if one is None or other is None:
-        return one or other
-    count = (one.samples or 0) + (other.samples or 0)
-    return Gap(min(one.start, other.start), max(one.end, other.end), one.reason, count)
