@@ -188,7 +188,7 @@ def stop(program: Running) -> None:
 
     done = program.end(signal.SIGTERM)
     assert done.status == 0, done.err
-    assert "Traceback" not in done.err
+    assert "Traceback" not in done.err, done.err
 
 
 def all_is_kept(folder: Path, lines: Sequence[CountingLine]) -> None:

@@ -1,7 +1,7 @@
 """The gateway's MQTT side: states to a broker, commands from it. docs/reference/mqtt.md says how.
 
-While the broker is away only the newest state of each point waits. Every connection is a
-new session: the broker keeps no command for a gateway that is not there.
+While the broker is away only the newest state of each point waits, or with an `outbox` all of
+them. Every connection is a new session: the broker keeps no command for a gateway that is not there.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from multidrop.gateway.mqtt_broker import (
     wrong_with_broker,
 )
 from multidrop.gateway.mqtt_commands import Command, done, failed, may_answer
+from multidrop.gateway.mqtt_outbox import MqttState, backlog_of, state_of, wrong_with_outbox
 from multidrop.gateway.mqtt_topics import (
     OFFLINE,
     ONLINE,
@@ -81,6 +82,7 @@ def wrong(plant: Plant, settings: Settings) -> Iterator[str]:
         lambda: checked_topic(table.topic, "mqtt.topic"),
         lambda: table.discovery is None or checked_topic(table.discovery, "mqtt.discovery"),
     )
+    yield from wrong_with_outbox(settings)
 
 
 class Mqtt:
@@ -95,6 +97,8 @@ class Mqtt:
         if settings.discovery is not None:
             checked_topic(settings.discovery, "mqtt.discovery")
         self.connected_at: float | None = None  # monotonic, s
+        self._error: str | None = "not connected yet"
+        self._backlog = backlog_of(gateway.settings)
         self._broker = Broker(settings, gateway.settings.path)
         self._plant = gateway.plant
         self._keys = {self.topics.state(key): key for key in keys_of(gateway.plant)}
@@ -106,40 +110,54 @@ class Mqtt:
         self._commands: set[asyncio.Task[None]] = set()
         self._turns: dict[str, asyncio.Lock] = {}
 
+    @property
+    def state(self) -> MqttState:
+        """How it is with the broker."""
+        return state_of(self._error, self._backlog)
+
     async def run(self) -> None:
-        """Until cancelled: connect, publish, and connect again when the broker was away."""
+        """Until cancelled; what waits in memory then goes to the disk."""
+        async with self._backlog or contextlib.nullcontext():
+            self.gateway.values.listeners.append(self._take)
+            try:
+                await self._connect_again()
+            finally:
+                self.gateway.values.listeners.remove(self._take)
+
+    async def _connect_again(self) -> None:
+        """Connect, publish, and connect again when the broker was away."""
         now = asyncio.get_running_loop().time
-        self.gateway.values.listeners.append(self._take)
         if self._broker.gives_away:
             self.gateway.say(
                 f"mqtt: the password goes to {self._broker} unencrypted: set tls = true"
             )
         pause, said = FIRST_PAUSE, ""
-        try:
-            while True:
-                try:
-                    async with self._broker.client(self.topics.status) as client:
-                        self.connected_at = now()
-                        await self._serve(client)
-                except aiomqtt.MqttError as error:
-                    reason = str(error)
-                if self.connected_at is not None and now() - self.connected_at > STEADY:
-                    pause, said = FIRST_PAUSE, ""
-                self.connected_at = None
-                if reason != said:
-                    said = reason
-                    self.gateway.say(f"mqtt: {self._broker} is away: {reason}")
-                await asyncio.sleep(pause)
-                pause = min(2 * pause, LONGEST_PAUSE)
-        finally:
-            self.gateway.values.listeners.remove(self._take)
+        while True:
+            try:
+                async with self._broker.client(self.topics.status) as client:
+                    self.connected_at, self._error = now(), None
+                    await self._serve(client)
+            except aiomqtt.MqttError as error:
+                self._error = reason = str(error)
+            if self.connected_at is not None and now() - self.connected_at > STEADY:
+                pause, said = FIRST_PAUSE, ""
+            self.connected_at = None
+            if self._backlog is not None:
+                await self._backlog.put_back()
+            if reason != said:
+                said = reason
+                waits = f"; {self._backlog}" if self._backlog is not None else ""
+                self.gateway.say(f"mqtt: {self._broker} is away: {reason}{waits}")
+            await asyncio.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
 
     async def _serve(self, client: aiomqtt.Client) -> None:
         """One connection to its end. Raises `MqttError` where the broker has gone."""
         end_if_cancelled()
-        self._published.clear()
         self._announced.clear()
-        self._waiting = dict(self.gateway.values.latest)
+        if self._backlog is None:
+            self._published.clear()
+            self._waiting = dict(self.gateway.values.latest)
         self._wake.set()
         tasks = [
             asyncio.create_task(self._listen(client)),
@@ -164,10 +182,15 @@ class Mqtt:
     # -- states ------------------------------------------------------------------------------
 
     def _take(self, update: Update) -> None:
-        """A listener of `Values`: what is new waits, in the place of what waited before."""
+        """A listener of `Values`: what is new waits, in the place of what waited before or behind it."""
         key = update.key
-        if self._plant is not self.gateway.plant or self._is_news(key, update):
+        changed, news = self._plant is not self.gateway.plant, self._is_news(key, update)
+        if self._backlog is not None and news:
+            self._published[key] = update
+            self._backlog.add(self.topics.state(key), update)
+        elif self._backlog is None and (news or changed):
             self._waiting[key] = update
+        if news or changed:
             self._wake.set()
 
     def _is_news(self, key: Key, update: Update) -> bool:
@@ -183,7 +206,7 @@ class Mqtt:
         if one == other or not polled.good:
             return False
         if isinstance(one, int | float) and isinstance(other, int | float):
-            device = self._plant.devices.get(update.device)
+            device = self.gateway.plant.devices.get(update.device)
             known = device.points.get(update.point) if device is not None else None
             return known is None or not abs(one - other) < known.deadband
         return True
@@ -191,13 +214,20 @@ class Mqtt:
     async def _publish(self, client: aiomqtt.Client) -> None:
         """First what the broker has of another day is replaced, and only then the gateway is online."""
         await self._subscribe(client)
+        if self._backlog is not None:
+            if self._plant is not self.gateway.plant:
+                await self._change(client)
+            await self._send_waiting(client)
         for topic, key in self._keys.items():
-            if key not in self._waiting:
+            if key not in self.gateway.values.latest:
                 await client.publish(topic, unread_payload(self._plant, key), retain=True)
         end_if_cancelled()
+        self._repeat_others()
         await self._send_waiting(client)
         await self._announce(client)
         await client.publish(self.topics.status, ONLINE, qos=1, retain=True)
+        if self._backlog is not None and self._backlog.followed:
+            self.gateway.say(f"mqtt: {self._backlog.followed} states that had waited have followed")
         while True:
             end_if_cancelled()
             await self._wake.wait()
@@ -207,16 +237,28 @@ class Mqtt:
             await self._send_waiting(client)
             await asyncio.sleep(TOGETHER)
 
+    def _repeat_others(self) -> None:
+        """The newest of each point that did not wait: a broker may have forgotten what it had."""
+        if self._backlog is None:
+            return
+        for key, update in self.gateway.values.latest.items():
+            topic = self.topics.state(key)
+            if topic in self._keys and topic not in self._backlog.confirmed:
+                self._published[key] = update
+                self._backlog.add(topic, update)
+
     async def _send_waiting(self, client: aiomqtt.Client) -> None:
         """Together what waits: one alone costs several times as much of the loop."""
+        if self._backlog is not None:
+            await self._backlog.deliver(client, self.topics, self._keys)
         while self._waiting:
-            states: dict[str, str] = {}
+            states: list[tuple[str, str, bool]] = []
             for key in list(islice(self._waiting, AT_ONCE)):
                 update = self._waiting.pop(key)
                 topic = self.topics.state(key)
                 if topic in self._keys:
                     self._published[key] = update
-                    states[topic] = state_payload(update)
+                    states.append((topic, state_payload(update), True))
             await publish_together(client, states)
             await asyncio.sleep(0)  # publishing may not wait, and others want to run
 

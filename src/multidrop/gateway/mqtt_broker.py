@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
+import socket
 import ssl
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from ipaddress import ip_address
 from math import inf
 from pathlib import Path
@@ -54,6 +56,43 @@ QUIET = logging.getLogger("multidrop.mqtt")
 QUIET.addHandler(logging.NullHandler())
 
 
+class Client(aiomqtt.Client):
+    """aiomqtt's, but it does not watch a socket that is closed, and does not keep a broker waiting.
+
+    A socket is closed by then where a write is the first to notice that the broker has gone:
+    aiomqtt's own makes asyncio complain of that at length on standard error.
+    """
+
+    def _on_publish(self, client: Any, userdata: Any, mid: int, code: Any, facts: Any) -> None:
+        if mid in self._pending_publishes:
+            self._acknowledge()
+        super()._on_publish(client, userdata, mid, code, facts)
+
+    def _acknowledge(self) -> None:
+        """A broker that gathers small packets sends its next confirmation when TCP has acknowledged this one.
+
+        The system else does that 40 ms later, and has to be told each time.
+        """
+        sock: Any = self._client.socket()
+        if sock is not None and hasattr(socket, "TCP_QUICKACK"):
+            with contextlib.suppress(OSError):  # it may be closed
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+
+    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
+        self._loop.call_soon_threadsafe(self._watch, client, sock)
+
+    def _watch(self, client: Any, sock: Any) -> None:
+        if sock.fileno() >= 0:
+            self._loop.add_writer(sock.fileno(), self._write, client)
+
+    def _write(self, client: Any) -> None:
+        try:
+            client.loop_write()
+        except Exception as error:  # as aiomqtt's own: whatever it is, it ends the connection
+            if not self._disconnected.done():
+                self._disconnected.set_exception(error)
+
+
 class Broker:
     """Where a broker is, and what it takes to connect. Raises `UsageError` for what cannot be."""
 
@@ -78,7 +117,7 @@ class Broker:
         """
         session = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
         session.SessionExpiryInterval = 0
-        made = aiomqtt.Client(
+        made = Client(
             self._settings.host,
             self._settings.port,
             username=self._settings.user,
@@ -131,22 +170,27 @@ async def end_all(tasks: Sequence[asyncio.Task[Any]]) -> None:
     await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def publish_together(client: aiomqtt.Client, states: Mapping[str, str]) -> None:
-    """Topic -> retained state; `AT_ONCE` of them cost little more than a few.
+async def publish_together(
+    client: aiomqtt.Client, messages: Iterable[tuple[str, str, bool]], qos: int = 0
+) -> None:
+    """Topic, payload, whether retained: in this order; `AT_ONCE` of them cost little more than a few.
 
-    Raises `MqttError` where the broker takes them no more.
+    With a `qos` it returns when the broker has confirmed them all. Raises `MqttError` where
+    it takes them no more.
     """
+    tasks = [
+        asyncio.ensure_future(client.publish(topic, payload, qos=qos, retain=retain, timeout=inf))
+        for topic, payload, retain in messages
+    ]
     try:
         # one time-out for all: each of its own would be a task and a timer
         async with asyncio.timeout(TIMEOUT):
-            await asyncio.gather(
-                *(
-                    client.publish(topic, payload, retain=True, timeout=inf)
-                    for topic, payload in states.items()
-                )
-            )
+            await asyncio.gather(*tasks)
     except TimeoutError:
         raise aiomqtt.MqttError("Operation timed out") from None
+    finally:
+        for task in tasks:  # where one has failed others may wait for ever
+            task.cancel()
 
 
 def command_of(topic: str, message: aiomqtt.Message) -> Command:

@@ -11,12 +11,16 @@ from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.polled import polled, target_of
+from multidrop.gateway.records import Gap, moment
 from multidrop.gateway.stamps import to_microseconds
 from multidrop.gateway.values import Key, Update
 from multidrop.io.audit import jsonable
 from multidrop.plantfile import Plant, PlantDevice
 
 ONLINE, OFFLINE = "online", "offline"
+
+Record = tuple[int, int]
+"""Run of the gateway, number in it: by it a subscriber knows a state that comes again."""
 
 UNREAD = "not read yet"
 """The quality of a point that was not polled yet."""
@@ -57,6 +61,10 @@ class Topics:
         return f"{self.base}/status"
 
     @property
+    def gap(self) -> str:
+        return f"{self.base}/gap"
+
+    @property
     def states(self) -> str:
         """The filter of all states."""
         return f"{self.base}/+/+"
@@ -75,7 +83,7 @@ class Topics:
         return inside and topic.count("/") == self.base.count("/") + 3
 
 
-def state_payload(update: Update) -> str:
+def state_payload(update: Update, record: Record | None = None) -> str:
     """A state. `value` is null unless it is good: an old one is `last`, with its own time."""
     reading = update.polled.reading
     facts: dict[str, Any] = {
@@ -92,7 +100,22 @@ def state_payload(update: Update) -> str:
         facts |= {"last": jsonable(reading.value), "last_time": to_microseconds(reading.time)}
     if update.polled.error is not None:
         facts["error"] = str(update.polled.error)
+    if record is not None:
+        facts["record"] = record
     return ENCODE(facts)
+
+
+def gap_payload(gap: Gap, before: Record) -> str:
+    """What had no room to wait: states of this time, which were to come before that record."""
+    return ENCODE(
+        {
+            "from": to_microseconds(moment(gap.start)),
+            "until": to_microseconds(moment(gap.end)),
+            "states": gap.samples,
+            "reason": gap.reason,
+            "before": before,
+        }
+    )
 
 
 def unread_payload(plant: Plant, key: Key) -> str:

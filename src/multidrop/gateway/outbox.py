@@ -11,7 +11,7 @@ import sqlite3
 import threading
 import time
 from collections import deque
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -154,14 +154,32 @@ class Outbox:
         with self._lock:
             self._taken = 0
 
+    def forget(self) -> None:
+        """Take out what was delivered now, and not with the next `put`. Raises `sqlite3.Error`."""
+        with self._lock:
+            self._durable.choose()
+            self._forget_delivered()
+
+    def begin_run(self) -> int:
+        """A number for a run of the program, higher than before: also in a new file, by the clock.
+
+        Raises `sqlite3.Error`.
+        """
+        with self._lock:
+            (before,) = self._file.execute("PRAGMA user_version").fetchone()
+            run = max(int(before) + 1, int(time.time() // 60))
+            self._file.execute(f"PRAGMA user_version = {run}")
+        return run
+
+    def note(self, size: int) -> None:
+        """So many bytes would have come, were the server away: for the present rate."""
+        with self._lock:
+            self._note_rate(size)
+
     def close(self) -> None:
         with self._lock:
-            try:
-                self._file.execute("BEGIN IMMEDIATE")
+            with suppress(sqlite3.Error):  # then it is delivered again, which does no harm
                 self._forget_delivered()
-                self._file.execute("COMMIT")
-            except sqlite3.Error:  # then it is delivered again, which does no harm
-                pass
             self._file.close()
 
     def _forget_delivered(self) -> None:
@@ -219,14 +237,14 @@ def _is_empty(file: sqlite3.Connection, path: Path) -> bool:
     return not tables
 
 
-def demand_outbox(path: Path) -> None:
-    """Raises `UsageError` where a file is there that is no outbox."""
+def demand_outbox(path: Path, key: str = "history.outbox") -> None:
+    """Raises `UsageError` where a file is there that is no outbox; `key` names it."""
     if not path.is_file():
         return
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True)) as file:
             _is_empty(file, path)
     except sqlite3.Error as error:
-        raise UsageError(f"history.outbox {path}: no outbox: {error}") from None
+        raise UsageError(f"{key} {path}: no outbox: {error}") from None
     except UsageError as error:
-        raise UsageError(f"history.outbox {error}") from None
+        raise UsageError(f"{key} {error}") from None

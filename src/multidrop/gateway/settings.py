@@ -63,6 +63,10 @@ class MqttSettings:
     discovery: str | None = entry("prefix of Home Assistant's discovery, as in homeassistant", None)
     longest: float = entry("s after which an unchanged state is sent again", 60.0, least=1.0)
     commands: bool = entry("whether points may be written by MQTT", False)
+    outbox: str | None = entry(
+        "file of what waits for a broker that is away; without it only the newest states do", None
+    )
+    outbox_size: float = entry("MB that may wait there; the oldest go first", 100.0, least=1.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,6 +172,23 @@ def test_every_table_has_a_part_that_is_asked() -> None:
             ["mqtt.password nowhere: No such file or directory"],
         ),
         (
+            "[mqtt]\nhost = 'b'\noutbox = 'ours.db'",
+            ["mqtt.outbox ours.db: not an outbox of multidrop"],
+        ),
+        (
+            "[mqtt]\nhost = 'b'\noutbox = 'no/o.db'",
+            ["mqtt.outbox no/o.db: there is no folder no"],
+        ),
+        (
+            f"[history]\n{DSN}\n[mqtt]\nhost = 'b'\noutbox = 'history-outbox.db'",
+            ["mqtt.outbox is history-outbox.db, and so is history.outbox"],
+        ),
+        (
+            "[history]\n[mqtt]\nhost = 'b'\noutbox = 'history.db'",
+            ["mqtt.outbox is history.db, and so is history.path"],
+        ),
+        ("[mqtt]\nhost = 'b'\noutbox = 'outbox.db'", []),
+        (
             "[http]\nlisten = '127.0.0.1:5020'\n[modbus]",
             ["modbus.listen is '127.0.0.1:5020', and so is http.listen"],
         ),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+from typing import Any
 
 import pytest
 
-from multidrop.gateway.mqtt_broker import end_all, end_if_cancelled
+from multidrop.gateway.mqtt_broker import Client, end_all, end_if_cancelled
 
 
 async def _swallows_one() -> None:
@@ -55,3 +57,21 @@ def test_a_connection_that_is_no_longer_wanted_is_not_used() -> None:
             await task
 
     asyncio.run(cancel())
+
+
+def test_a_socket_that_is_closed_before_it_is_watched_is_no_error() -> None:
+    """A write that is the first to notice that the broker has gone closes it."""
+    complaints: list[dict[str, Any]] = []
+
+    async def publish() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda loop, context: complaints.append(context))
+        client = Client("127.0.0.1")
+        assert client._client.on_socket_register_write == client._on_socket_register_write
+        with socket.socket() as sock:
+            client._on_socket_register_write(client._client, None, sock)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+
+    asyncio.run(publish())
+    assert complaints == []

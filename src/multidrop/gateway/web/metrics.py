@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from importlib.metadata import version
+from typing import TYPE_CHECKING, cast
 
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.history import History, HistoryState
 from multidrop.io.poller import Quality
+
+if TYPE_CHECKING:
+    from multidrop.gateway.mqtt import Mqtt
+    from multidrop.gateway.mqtt_outbox import MqttState
 
 CONTENT = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -28,6 +33,9 @@ def _lines(gateway: Gateway) -> Iterator[str]:
     history = gateway.parts.get("history")
     if isinstance(history, History):
         yield from _of_history(history.state)
+    mqtt = gateway.parts.get("mqtt")
+    if mqtt is not None:
+        yield from _of_mqtt(cast("Mqtt", mqtt).state)
 
 
 def _of_lines(gateway: Gateway) -> Iterator[str]:
@@ -132,6 +140,16 @@ def _of_history(state: HistoryState) -> Iterator[str]:
         ),
     ):
         yield from _metric(f"history_{name}", kind, meaning, [({}, value)])
+
+
+def _of_mqtt(state: MqttState) -> Iterator[str]:
+    for name, meaning, value in (
+        ("up", "whether the broker takes what comes", float(state.error is None)),
+        ("waiting_states", "states that the broker has not confirmed", state.waiting),
+        ("outbox_hours", "how long the broker may be away at the present rate", state.hours),
+    ):
+        if value is not None:
+            yield from _metric(f"mqtt_{name}", "gauge", meaning, [({}, value)])
 
 
 def _metric(name: str, kind: str, meaning: str, samples: Iterable[Sample]) -> Iterator[str]:

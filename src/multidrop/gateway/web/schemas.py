@@ -66,6 +66,7 @@ SCHEMAS: dict[str, Schema] = {
     "Status": fields(
         now=TIME,
         history=maybe(fields(error=maybe(TEXT), waiting=WHOLE, lost=WHOLE, hours=maybe(NUMBER))),
+        mqtt=maybe(fields(error=maybe(TEXT), waiting=maybe(WHOLE), hours=maybe(NUMBER))),
         lines=listed(
             fields(
                 name=TEXT,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from json import JSONEncoder
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 from multidrop.errors import (
     DeviceError,
@@ -29,6 +29,9 @@ from multidrop.io.audit import jsonable, shown
 from multidrop.plantfile import PlantDevice
 from multidrop.points import Point, Reading, Role, Value
 from multidrop.writing import Written
+
+if TYPE_CHECKING:
+    from multidrop.gateway.mqtt import Mqtt
 
 FAILURES: tuple[tuple[type[Error], int], ...] = (
     (NotAllowed, 403),
@@ -196,11 +199,12 @@ def read_now(device_name: str, reading: Reading) -> dict[str, Any]:
 
 
 def status(gateway: Gateway) -> dict[str, Any]:
-    """Every line and device: whether it answers, how full, what was counted; how history is kept."""
-    history = gateway.parts.get("history")
+    """Every line and device: whether it answers, how full, what was counted; how history and the broker are."""
+    history, mqtt = gateway.parts.get("history"), gateway.parts.get("mqtt")
     return {
         "now": now(),
         "history": plain(history.state) if isinstance(history, History) else None,
+        "mqtt": plain(cast("Mqtt", mqtt).state) if mqtt is not None else None,
         "lines": [plain(line) for line in gateway.line_health()],
         "devices": [plain(gateway.device_health(name)) for name in gateway.plant.devices],
         "readings": readings(gateway),
