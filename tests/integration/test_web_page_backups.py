@@ -170,6 +170,11 @@ def test_the_keyboard_is_enough(page: Browser, shared: Site) -> None:
     shared.made()
     page.open(f"{shared.client.url}{VIEW}")
     page.until(lambda: len(page.all(".passports tbody tr")) == 1)
+    page.until(  # and the page has heard that it is over
+        lambda: page.run(
+            "return [...document.querySelectorAll('button')].some((one) => one.textContent === 'Make a backup' && !one.disabled)"
+        )
+    )
     page.run(
         "[...document.querySelectorAll('.head button')].find((one) => one.textContent === 'Backups').focus()"
     )
