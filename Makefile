@@ -7,8 +7,7 @@ BIN := .venv/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
 PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wildcard tests/unit/test_*.py)
-LONG := $(addprefix tests/integration/,test_web_page_backups.py test_web_passports.py test_web_page.py)
-WORLD := $(LONG) tests/integration tests/soak tests/test_architecture.py \
+WORLD := tests/integration tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
 .PHONY: demo test check tshark mbpoll mosquitto chromium soak bench fuzz docs clean
@@ -17,13 +16,13 @@ demo: .venv/gateway
 	@$(BIN)/multidrop demo
 
 # The pure floors' own tests must reach every branch of them; the world's tests run side by side,
-# more of them than there are processors, since they wait most of their time. The long files go first.
+# more of them than there are processors, since they wait most of their time.
 test: check .venv/dev
 	$(BIN)/python -bb -m coverage run -m pytest $(PURE)
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(WORLD)
+	$(BIN)/python -bb -m pytest -n 3 --dist loadfile $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check
