@@ -13,12 +13,12 @@ from pathlib import Path
 
 from bench.measure import Result
 from bench.postgres_server import server
-from multidrop.gateway.batching import Batching
-from multidrop.gateway.blocks import encode
-from multidrop.gateway.buckets import summary_of
-from multidrop.gateway.history_sqlite import SqliteStore
-from multidrop.gateway.records import Batch, Kept, Sample, kept
-from multidrop.gateway.store import Store
+from multidrop.gateway.history.batching import Batching
+from multidrop.gateway.history.blocks import encode
+from multidrop.gateway.history.buckets import summary_of
+from multidrop.gateway.history.records import Batch, Kept, Sample, kept
+from multidrop.gateway.history.sqlite import SqliteStore
+from multidrop.gateway.history.store import Store
 
 POINTS = 2000
 START = 1_790_000_000_000_000
@@ -206,7 +206,7 @@ def _schema(dsn: str) -> Iterator[str]:
 
 
 def _write_postgres(dsn: str, schema: str, folder: Path, seconds: int) -> Result:
-    from multidrop.gateway.history_postgres import PostgresStore
+    from multidrop.gateway.history.postgres import PostgresStore
     from multidrop.gateway.outbox import Outbox
 
     store: Store = PostgresStore(dsn, Outbox(folder / "outbox.db", 10**9), schema=schema)
@@ -238,7 +238,7 @@ def _size(dsn: str, schema: str) -> float:
 
 def _large_postgres(dsn: str, schema: str, points: int) -> tuple[int, list[float]]:
     """A day of so many points, made by the server itself, a hundred at a time."""
-    from multidrop.gateway.history_postgres import PostgresStore
+    from multidrop.gateway.history.postgres import PostgresStore
 
     with contextlib.closing(PostgresStore(dsn, schema=schema)) as store:
         store.gaps(START, START + 1)  # it is connected, as a gateway is, and has made its tables

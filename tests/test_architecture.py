@@ -270,7 +270,7 @@ ALLOWED: list[tuple[Rule, str, str]] = [
     (imports_point_down, "multidrop.exchange", "from multidrop import conversation as steps"),
     (imports_point_down, "multidrop.points", "from multidrop.profile import PointDescription"),
     (imports_point_down, "multidrop.protocols.slink3.frame", "import multidrop.decoder"),
-    (imports_point_down, "multidrop.cli.main", "from multidrop.gateway.web import serve"),
+    (imports_point_down, "multidrop.cli.main", "from multidrop.gateway.web.part import serve"),
     (imports_point_down, "multidrop.gateway.web", "from multidrop.passports.folder import x"),
     (imports_point_down, "multidrop", "from multidrop.io.connection import connect"),
     (imports_point_down, "multidrop.io.line", "import asyncio"),

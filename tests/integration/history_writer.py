@@ -11,10 +11,10 @@ import sys
 import time
 from pathlib import Path
 
-from multidrop.gateway.history import History
-from multidrop.gateway.history_sqlite import SqliteStore
-from multidrop.gateway.records import Sample
-from multidrop.gateway.store import Store
+from multidrop.gateway.history.part import History
+from multidrop.gateway.history.records import Sample
+from multidrop.gateway.history.sqlite import SqliteStore
+from multidrop.gateway.history.store import Store
 
 EVERY = 0.1
 """s between two writings: ten times as many chances to be killed in one as in earnest."""
@@ -23,7 +23,7 @@ EVERY = 0.1
 def open_store(folder: Path, dsn: str = "", schema: str = "") -> Store:
     if not dsn:
         return SqliteStore(folder / "history.db")
-    from multidrop.gateway.history_postgres import PostgresStore
+    from multidrop.gateway.history.postgres import PostgresStore
     from multidrop.gateway.outbox import Outbox
 
     return PostgresStore(dsn, Outbox(folder / "outbox.db", 100_000_000), schema=schema)

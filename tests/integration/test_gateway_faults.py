@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from integration.plants import DriveLine, gateway, plugged_in, simulated_line, until
-from multidrop.gateway.faults import Faults, part
-from multidrop.gateway.freeze_frames import FreezeFrame
+from multidrop.gateway.faults.freeze_frames import FreezeFrame
+from multidrop.gateway.faults.part import Faults, part
 from multidrop.gateway.gateway import Gateway
 from multidrop.protocols.slink3.status import FAULT_RESET
 from multidrop.sim.serve import serve

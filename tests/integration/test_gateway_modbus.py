@@ -18,8 +18,8 @@ from integration.processes import PATIENCE
 from integration.published import Published, published, ran
 from integration.writes import logged
 from multidrop.errors import PortError
-from multidrop.gateway import modbus
-from multidrop.gateway.modbus import ModbusServer
+from multidrop.gateway.modbus import part as modbus
+from multidrop.gateway.modbus.part import ModbusServer
 from multidrop.sim.slink3 import ax_v
 
 NEEDED = "MULTIDROP_NEEDS_MBPOLL"

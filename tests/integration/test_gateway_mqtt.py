@@ -23,8 +23,9 @@ from integration.published import DEVICES, Published, published, ran
 from integration.threads import simulated
 from integration.writes import logged
 from multidrop.errors import UsageError
-from multidrop.gateway import mqtt, mqtt_broker
-from multidrop.gateway.mqtt import Mqtt
+from multidrop.gateway.mqtt import broker as mqtt_broker
+from multidrop.gateway.mqtt import part as mqtt
+from multidrop.gateway.mqtt.part import Mqtt
 
 TORQUE = "multidrop/infeed/torque"
 SET = f"{TORQUE}/set"

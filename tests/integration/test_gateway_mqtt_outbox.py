@@ -20,7 +20,7 @@ from integration.mosquitto import Broker, broker
 from integration.processes import Running, running
 from integration.proxy import Proxy
 from integration.test_gateway_mqtt import Watcher, watcher
-from multidrop.gateway.mqtt_broker import AT_ONCE, Client, publish_together
+from multidrop.gateway.mqtt.broker import AT_ONCE, Client, publish_together
 
 STATUS = "multidrop/status"
 

@@ -24,8 +24,9 @@ from integration.servers import Connected, Server, serving
 from integration.test_gateway_modbus import mbpoll
 from integration.test_gateway_mqtt import watcher
 from integration.writes import logged
-from multidrop.gateway import mqtt, mqtt_broker
-from multidrop.gateway.modbus import ModbusServer
+from multidrop.gateway.modbus.part import ModbusServer
+from multidrop.gateway.mqtt import broker as mqtt_broker
+from multidrop.gateway.mqtt import part as mqtt
 from multidrop.points import Value
 from multidrop.sim.slink3 import FlexMax
 

@@ -15,8 +15,8 @@ from integration.processes import PATIENCE
 from integration.published import Published, published
 from integration.test_gateway_mqtt import watcher
 from multidrop.errors import NotApplied
-from multidrop.gateway.history import History
-from multidrop.gateway.modbus import ModbusServer
+from multidrop.gateway.history.part import History
+from multidrop.gateway.modbus.part import ModbusServer
 from multidrop.io.poller import Quality
 from multidrop.sim.slink3 import FlexMax
 

@@ -22,11 +22,11 @@ from integration.plants import DRIVE
 from integration.processes import PATIENCE, environment, multidrop, running
 from integration.proxy import Proxy, proxy_to
 from integration.threads import served
-from multidrop.gateway.history import History
-from multidrop.gateway.history_sqlite import SqliteStore
+from multidrop.gateway.history.part import History
+from multidrop.gateway.history.records import Sample
+from multidrop.gateway.history.sqlite import SqliteStore
+from multidrop.gateway.history.store import KILLED, Store
 from multidrop.gateway.outbox import Outbox
-from multidrop.gateway.records import Sample
-from multidrop.gateway.store import KILLED, Store
 from multidrop.protocols import slink3
 from multidrop.sim.line import SimulatedLine
 from multidrop.sim.slink3 import FlexMax
@@ -158,7 +158,7 @@ def away() -> Iterator[tuple[Proxy, str, str]]:
 def test_a_server_that_goes_away_under_load_gets_everything_in_order_and_once(
     tmp_path: Path, away: tuple[Proxy, str, str]
 ) -> None:
-    from multidrop.gateway.history_postgres import PostgresStore
+    from multidrop.gateway.history.postgres import PostgresStore
 
     proxy, dsn, schema = away
     proxy.cut()  # it was not there when the gateway started
@@ -198,7 +198,7 @@ def test_a_server_that_goes_away_under_load_gets_everything_in_order_and_once(
 def test_beyond_its_bound_the_outbox_gives_up_the_oldest_and_says_so(
     tmp_path: Path, away: tuple[Proxy, str, str]
 ) -> None:
-    from multidrop.gateway.history_postgres import PostgresStore
+    from multidrop.gateway.history.postgres import PostgresStore
 
     proxy, dsn, schema = away
     proxy.cut()
@@ -260,7 +260,7 @@ PLANT = '[line.a]\nport = "/dev/none"\n[history]\n'
 @pytest.fixture
 def recorded(tmp_path: Path) -> Path:
     """A history of three samples, a mark, and a second run."""
-    from multidrop.gateway.batching import Batching
+    from multidrop.gateway.history.batching import Batching
     from multidrop.io.poller import Quality
 
     (tmp_path / "multidrop.toml").write_text(PLANT)

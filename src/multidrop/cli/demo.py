@@ -65,7 +65,7 @@ def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | 
 
 def _has_page() -> bool:
     """Whether the extra is installed; says so where it is not."""
-    from multidrop.gateway.web import demand_installed
+    from multidrop.gateway.web.part import demand_installed
 
     try:
         demand_installed()

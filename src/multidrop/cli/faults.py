@@ -10,7 +10,7 @@ import click
 
 from multidrop.cli.numbers import WholeFrom
 from multidrop.errors import UsageError
-from multidrop.gateway.freeze_frames import FreezeFrame, FreezeFrames
+from multidrop.gateway.faults.freeze_frames import FreezeFrame, FreezeFrames
 from multidrop.gateway.plants import plant_path, read
 from multidrop.gateway.settings import FaultSettings, survey_settings
 

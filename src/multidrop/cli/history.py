@@ -13,11 +13,13 @@ from typing import IO
 import click
 
 from multidrop.errors import PortError, UsageError
-from multidrop.gateway.history import open_store
+from multidrop.gateway.gaps import Gap
+from multidrop.gateway.history.part import open_store
+from multidrop.gateway.history.records import Sample
+from multidrop.gateway.history.store import Store
 from multidrop.gateway.plants import plant_path, read
-from multidrop.gateway.records import Gap, Sample, microseconds, moment
 from multidrop.gateway.settings import HistorySettings, survey_settings
-from multidrop.gateway.store import Store
+from multidrop.gateway.stamps import microseconds, moment
 
 COLUMNS = ("time", "value", "quality", "monotonic", "synchronised")
 FOREVER = 2**62

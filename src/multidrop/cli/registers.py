@@ -7,7 +7,7 @@ import json as json_module
 import click
 
 from multidrop.errors import UsageError
-from multidrop.gateway.register_map import Entry, map_of
+from multidrop.gateway.modbus.register_map import Entry, map_of
 from multidrop.gateway.settings import settings_of
 from multidrop.plantfile import Plant
 

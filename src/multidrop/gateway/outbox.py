@@ -17,7 +17,7 @@ from pathlib import Path
 
 from multidrop.errors import UsageError
 from multidrop.gateway.durable import Durable
-from multidrop.gateway.records import Gap
+from multidrop.gateway.gaps import Gap
 
 APPLICATION = 0x6D645F6F  # "md_o", which says whose file it is
 

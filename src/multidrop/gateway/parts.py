@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from multidrop.gateway.gateway import Gateway
 
 PARTS: dict[str, str] = {
-    "history": "multidrop.gateway.history",
-    "faults": "multidrop.gateway.faults",
+    "history": "multidrop.gateway.history.part",
+    "faults": "multidrop.gateway.faults.part",
     "passports": "multidrop.gateway.passports",
-    "http": "multidrop.gateway.web",
-    "modbus": "multidrop.gateway.modbus",
-    "mqtt": "multidrop.gateway.mqtt",
+    "http": "multidrop.gateway.web.part",
+    "modbus": "multidrop.gateway.modbus.part",
+    "mqtt": "multidrop.gateway.mqtt.part",
 }
 """Table -> module, in the order in which they are started. Imported when needed.
 

@@ -1,4 +1,7 @@
-"""Times as JSON has them. Thousands are written each second, so a second is written once. Pure."""
+"""Times as records and as JSON have them. Pure.
+
+Thousands are written each second, so a second is written once.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from functools import lru_cache
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DAY = 86_400  # s
+_MICROSECOND = timedelta(microseconds=1)
 
 
 @lru_cache(maxsize=16)
@@ -25,3 +29,13 @@ def to_microseconds(time: datetime) -> str:
     """Of an aware time: `2026-11-22T02:31:07.123456Z`, UTC."""
     since = time - _EPOCH
     return f"{_second(since.days * _DAY + since.seconds)}.{since.microseconds:06d}Z"
+
+
+def microseconds(time: datetime) -> int:
+    """Of an aware `datetime`, since 1970."""
+    return (time - _EPOCH) // _MICROSECOND
+
+
+def moment(time: int) -> datetime:
+    """The same back, UTC."""
+    return _EPOCH + timedelta(microseconds=time)

@@ -13,7 +13,7 @@ from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.gateway import parts
 from multidrop.gateway.check import check
-from multidrop.gateway.history_sqlite import SqliteStore
+from multidrop.gateway.history.sqlite import SqliteStore
 from multidrop.gateway.outbox import Outbox
 from multidrop.gateway.parts import PARTS
 from multidrop.gateway.settings import CLASSES

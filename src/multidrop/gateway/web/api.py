@@ -11,7 +11,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response, Strea
 
 from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.store import MOST_BUCKETS
+from multidrop.gateway.history.store import MOST_BUCKETS
 from multidrop.gateway.web import metrics, past, shapes
 from multidrop.gateway.web.access import Access, Refused
 from multidrop.gateway.web.backups import Backups

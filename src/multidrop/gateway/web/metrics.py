@@ -7,12 +7,12 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, cast
 
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.history import History, HistoryState
+from multidrop.gateway.history.part import History, HistoryState
 from multidrop.io.poller import Quality
 
 if TYPE_CHECKING:
-    from multidrop.gateway.mqtt import Mqtt
-    from multidrop.gateway.mqtt_outbox import MqttState
+    from multidrop.gateway.mqtt.outbox import MqttState
+    from multidrop.gateway.mqtt.part import Mqtt
 
 CONTENT = "text/plain; version=0.0.4; charset=utf-8"
 

@@ -13,11 +13,11 @@ from datetime import UTC, datetime
 from typing import Any, cast
 
 from multidrop.errors import UsageError
-from multidrop.gateway.faults import Faults
-from multidrop.gateway.freeze_frames import FreezeFrame
+from multidrop.gateway.faults.freeze_frames import FreezeFrame
+from multidrop.gateway.faults.part import Faults
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.history import History
-from multidrop.gateway.store import MOST_BUCKETS
+from multidrop.gateway.history.part import History
+from multidrop.gateway.history.store import MOST_BUCKETS
 from multidrop.gateway.web.access import Refused
 from multidrop.gateway.web.shapes import utc
 

@@ -18,7 +18,7 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.history import History
+from multidrop.gateway.history.part import History
 from multidrop.gateway.line import plain
 from multidrop.gateway.passports import Busy, NoPassport, NotKept, Passports, Taking
 from multidrop.gateway.permission import NotAllowed
@@ -31,7 +31,7 @@ from multidrop.points import Point, Reading, Role, Value
 from multidrop.writing import Written
 
 if TYPE_CHECKING:
-    from multidrop.gateway.mqtt import Mqtt
+    from multidrop.gateway.mqtt.part import Mqtt
 
 FAILURES: tuple[tuple[type[Error], int], ...] = (
     (NotAllowed, 403),

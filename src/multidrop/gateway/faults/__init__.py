@@ -1,0 +1,1 @@
+"""Why a device tripped: freeze-frames."""

@@ -1,0 +1,1 @@
+"""What was: samples, stores, buckets for charts."""

@@ -1,0 +1,1 @@
+"""The plant's points as registers of a Modbus TCP server."""

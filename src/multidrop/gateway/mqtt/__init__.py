@@ -1,0 +1,1 @@
+"""States to a broker, commands from it."""
