@@ -15,7 +15,7 @@ from bench.measure import Result
 from bench.postgres_server import server
 from multidrop.gateway.history.batching import Batching
 from multidrop.gateway.history.blocks import encode
-from multidrop.gateway.history.buckets import summary_of
+from multidrop.gateway.history.buckets import contents_of
 from multidrop.gateway.history.records import Batch, Kept, Sample, kept
 from multidrop.gateway.history.sqlite import SqliteStore
 from multidrop.gateway.history.store import Store
@@ -165,7 +165,7 @@ def _fill(store: SqliteStore, points: int) -> None:
         execute("BEGIN")
         for point in range(points):
             times, values, data = blocks[(point + block) % 50]
-            minimum, maximum, final, count, gap = summary_of(values, None, plain=True)
+            minimum, maximum, final, count, gap = contents_of(values, None, plain=True)
             first = START + block * BLOCK * 1_000_000 + 1000
             place = (point + 1, 1, first, first + times[-1])
             execute(

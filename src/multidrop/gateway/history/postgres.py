@@ -11,7 +11,8 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
 from typing import Any, TypeVar
 
 from multidrop.errors import Error, PortError, UsageError
@@ -19,7 +20,7 @@ from multidrop.gateway.durable import SAFE_EVERY
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history import postgres_sql as sql
 from multidrop.gateway.history.blocks import Chunk
-from multidrop.gateway.history.buckets import Summary
+from multidrop.gateway.history.buckets import Contents, Summary
 from multidrop.gateway.history.packing import pack, unpack
 from multidrop.gateway.history.records import GOOD, Batch, Kept, Row, Span, whole
 from multidrop.gateway.history.store import (
@@ -42,6 +43,9 @@ except ImportError as missing:
 
 AT_ONCE = 30
 """Batches that go to the server in one transaction, when many wait."""
+
+ROWS_AT_ONCE = 50 if psycopg.capabilities.has_stream_chunked() else 1
+"""Rows of an answer that the client's library hands over together."""
 
 RETRY = 1.0
 """s between two attempts to reach the server."""
@@ -181,6 +185,12 @@ class PostgresStore(Store):
         assert self._reader is not None
         return self._reader.execute(query.encode(), values, binary=True).fetchall()
 
+    def _stream(self, query: str, *values: object) -> Generator[tuple[Any, ...], None, None]:
+        """The same one after the other, as they come: there may be any number. Close it."""
+        assert self._reader is not None
+        with self._reader.cursor() as cursor:
+            yield from cursor.stream(query.encode(), values, binary=True, size=ROWS_AT_ONCE)
+
     def series(self) -> list[tuple[str, str]]:
         self._snapshot()
         return [(device, point) for device, point in self._rows(sql.SERIES)]
@@ -210,22 +220,23 @@ class PostgresStore(Store):
     def _losses(self, start: int, end: int) -> list[Gap]:
         return [Gap(*row) for row in self._rows(sql.LOSSES, end, start)]
 
-    def _chunks(self, series: int, span: int, start: int, end: int) -> Iterator[Chunk]:
-        for row in self._rows(sql.CHUNKS, series, span, end, start):
-            yield _chunk(*row)
+    def _chunks(self, series: int, span: int, start: int, end: int) -> Generator[Chunk, None, None]:
+        with closing(self._stream(sql.CHUNKS, series, span, end, start)) as rows:
+            for row in rows:
+                yield _chunk(*row)
         yield from self._fresh_chunk(series, span, start, end)
 
     def _pieces(
         self, series: int, span: int, start: int, end: int, width: int
-    ) -> Iterator[Chunk | Summary]:
+    ) -> Generator[Chunk | Summary, None, None]:
         inside = (start, end, start, width, start, width)
-        for row in self._rows(sql.PIECES, *inside, series, span, end, start):
-            first, count, minimum, maximum, final, text, gap, *block = row
-            if block[0] is None:
-                last = text if final is None else whole(final)
-                yield Summary(first, count, whole(minimum), whole(maximum), last, gap)
-            else:
-                yield _chunk(*block)
+        with closing(self._stream(sql.PIECES, *inside, series, span, end, start)) as rows:
+            for first, count, minimum, maximum, final, text, gap, *block in rows:
+                if block[0] is None:
+                    last = text if final is None else final
+                    yield Summary(first, Contents(minimum, maximum, last, count, gap))
+                else:
+                    yield _chunk(*block)
         yield from self._fresh_chunk(series, span, start, end)
 
     def _fresh_chunk(self, series: int, span: int, start: int, end: int) -> Iterator[Chunk]:
