@@ -146,7 +146,7 @@ def compare(kind: str, data: st.DataObject) -> None:
         pytest.MonkeyPatch.context() as patched,
         kept_store(kind, Path(folder)) as store,
     ):
-        for module in ("sqlite", "postgres") if kind == "postgres" else ("sqlite",):
+        for module in ("sqlite", "postgres_sending") if kind == "postgres" else ("sqlite",):
             patched.setattr(f"multidrop.gateway.history.{module}.SEAL_ONE", blocks)
         for at in range(0, len(recording), together):
             store.write(recording[at : at + together])

@@ -33,7 +33,7 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[KeptStore]:
 def sealed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Whether samples go into blocks, of at most three, at once."""
     if request.param:
-        from multidrop.gateway.history import postgres as history_postgres
+        from multidrop.gateway.history import postgres_sending as history_postgres
 
         for module in (store, history_sqlite, history_postgres):
             monkeypatch.setattr(module, "SEAL_ALL", 1)
@@ -282,7 +282,7 @@ def test_buckets_are_the_same_however_samples_are_stored(
         plain = other.store.buckets("infeed", "speed", START, START + 300 * SECOND, size)
     monkeypatch.setattr(history_sqlite, "SEAL_ONE", 50)
     if kept.kind == "postgres":
-        from multidrop.gateway.history import postgres as history_postgres
+        from multidrop.gateway.history import postgres_sending as history_postgres
 
         monkeypatch.setattr(history_postgres, "SEAL_ONE", 50)
     kept.write(batches(samples))
