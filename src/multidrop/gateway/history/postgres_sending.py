@@ -154,13 +154,13 @@ class Writing:
                 number, text_value = (None, row.value) if text else (row.value, None)
                 copy.write_row((key, span, row.time, number, text_value, row.code))
         self._fresh.update(key for key, _, _ in rows)
-
-    def commit(self, forget: int | None) -> None:
-        """Everything that was taken. Some of what is older than `forget` goes."""
         if self._fresh.total() >= SEAL_ALL or max(self._fresh.values(), default=0) >= SEAL_ONE:
             self._connection.execute(sql.SEAL.encode(), (SEAL_ONE,))
             self._connection.execute("DELETE FROM recent")
             self._fresh.clear()
+
+    def commit(self, forget: int | None) -> None:
+        """Everything that was taken. Some of what is older than `forget` goes."""
         if forget is not None:
             self._forget_some(forget)
         self._connection.commit()
