@@ -133,10 +133,6 @@ class PostgresStore(Store):
         with self._reader.cursor() as cursor:
             yield from cursor.stream(query.encode(), values, binary=True, size=ROWS_AT_ONCE)
 
-    def series(self) -> list[tuple[str, str]]:
-        self._snapshot()
-        return [(device, point) for device, point in self._rows(sql.SERIES)]
-
     def _snapshot(self) -> None:
         if self._reader is not None and not self._reader.closed:
             with contextlib.suppress(psycopg.Error):
@@ -151,6 +147,9 @@ class PostgresStore(Store):
         if self._reader is not None and not self._reader.closed:
             with contextlib.suppress(psycopg.Error):
                 self._reader.rollback()
+
+    def _points(self) -> list[tuple[str, str]]:
+        return [(device, point) for device, point in self._rows(sql.SERIES)]
 
     def _key(self, device: str, point: str) -> int | None:
         rows = self._rows(sql.SERIES_ID, device, point)

@@ -79,10 +79,6 @@ class Store(ABC):
         """
 
     @abstractmethod
-    def series(self) -> list[tuple[str, str]]:
-        """Device and point of everything there is."""
-
-    @abstractmethod
     def close(self) -> None: ...
 
     @property
@@ -102,6 +98,10 @@ class Store(ABC):
 
     @abstractmethod
     def _done(self) -> None: ...
+
+    @abstractmethod
+    def _points(self) -> list[tuple[str, str]]:
+        """Device and point of everything there is, in order."""
 
     @abstractmethod
     def _key(self, device: str, point: str) -> int | None: ...
@@ -130,6 +130,14 @@ class Store(ABC):
         """The last sample, of this span and before this time where they are given, and its span."""
 
     # -- what people ask -----------------------------------------------------------------------
+
+    def series(self) -> list[tuple[str, str]]:
+        """Device and point of everything there is."""
+        self._snapshot()
+        try:
+            return self._points()
+        finally:
+            self._done()
 
     def latest(self, device: str, point: str) -> Sample | None:
         """The newest sample; None where there is none. Raises `UsageError` for an unknown point."""
@@ -194,7 +202,7 @@ class Store(ABC):
     def _known(self, device: str, point: str) -> int:
         found = self._key(device, point)
         if found is None:
-            known = [f"{one} {other}" for one, other in self.series()]
+            known = [f"{one} {other}" for one, other in self._points()]
             wanted = f"{device} {point}"
             raise UsageError(f"there is no history of {wanted}{nearest(wanted, known)}")
         return found
