@@ -86,7 +86,6 @@ class History:
         self._batching = Batching(uuid.uuid4().hex)
         self._writing = ThreadPoolExecutor(1, "history-write")
         self._asking = ThreadPoolExecutor(1, "history-ask")
-        self._newest = 0
         self._error: str | None = None
         self.recorded = 0  # samples in this run
         self.written = 0  # of them: safe in the store, or on their way in its outbox
@@ -110,7 +109,6 @@ class History:
         """Record these as they are, in the order in which they happened."""
         samples = tuple(samples)
         if samples:
-            self._newest = samples[-1].time
             self.recorded += len(samples)
             self._batching.take(samples)
 
@@ -138,7 +136,8 @@ class History:
         batches = self._batching.cut(now, stop=stop)
         if not batches:
             return
-        forget = self._newest - round(self._keep * 1e6) if self._keep else None
+        newest = self._batching.settled
+        forget = newest - round(self._keep * 1e6) if self._keep and newest is not None else None
         try:
             await _done(self._writing, lambda: self.store.write(batches, forget))
         except self.store.failures as error:

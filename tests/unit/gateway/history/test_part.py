@@ -194,6 +194,32 @@ def test_what_is_written_twice_because_the_gateway_was_stopped_meanwhile_is_ther
     assert values_in(tmp_path / "h.db") == [n / 2 if n % 2 else n // 2 for n in range(40)]
 
 
+def test_a_clock_that_is_wrong_for_a_while_costs_no_history(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is old is known only where wall time has been the same for an hour."""
+    monkeypatch.setattr("multidrop.gateway.history.sqlite.SEAL_ALL", 1)
+    years = 1e8  # s
+
+    async def main() -> None:
+        history = History(SqliteStore(tmp_path / "h.db"), keep=1800.0)
+        for second in range(4):
+            history.append([sample(second, second)])
+            await history._write(1000.0 + second)
+        for second in range(5, 3605, 100):
+            history.append([sample(second, second, step=years)])
+            await history._write(1000.0 + second)
+        assert values_in(tmp_path / "h.db")[:5] == [0, 1, 2, 3, 5]
+        for second in range(3605, 5000, 100):
+            history.append([sample(second, second, step=years)])
+            await history._write(1000.0 + second)
+        half_an_hour = [list(range(first, 5000, 100)) for first in (3005, 3105)]
+        assert values_in(tmp_path / "h.db") in half_an_hour
+        history.close()
+
+    asyncio.run(main())
+
+
 def test_a_file_that_is_no_history_is_refused_and_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "h.db"
     with sqlite3.connect(path) as other:
