@@ -198,9 +198,20 @@ def test_a_server_that_goes_away_under_load_gets_everything_in_order_and_once(
 def test_a_server_that_goes_away_at_any_moment_gets_everything_in_order_and_once(
     tmp_path: Path, away: tuple[Proxy, str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also in a transaction, in the middle of a batch, before a commit is acknowledged."""
-    from multidrop.gateway.history.postgres import PostgresStore
+    """Also in the middle of a batch, and between a commit and its acknowledgement."""
+    import psycopg
 
+    from multidrop.gateway.history.postgres import PostgresStore
+    from multidrop.gateway.history.postgres_sending import Writing
+
+    commit = Writing.commit
+
+    def commit_unheard(self: Writing, forget: int | None) -> None:
+        commit(self, forget)
+        if random.random() < 0.3:
+            raise psycopg.OperationalError("the connection was lost")
+
+    monkeypatch.setattr(Writing, "commit", commit_unheard)
     monkeypatch.setattr("multidrop.gateway.history.postgres_sending.RETRY", 0.01)
     monkeypatch.setattr("multidrop.gateway.history.postgres_sending.MUCH", 300)
     proxy, dsn, schema = away
