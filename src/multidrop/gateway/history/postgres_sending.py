@@ -12,6 +12,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import psycopg
@@ -73,7 +74,8 @@ class Sender:
         while True:
             stopping = self._stop.is_set()
             try:
-                with Writing(self._connect()) as writing:
+                with closing(self._connect()) as connection:
+                    writing = Writing(connection)
                     self.error = None
                     while self._deliver(writing) or not stopping:
                         stopping = self._stop.is_set()
@@ -124,7 +126,7 @@ class Sender:
 
 
 class Writing:
-    """One connection that writes; whatever goes wrong ends it, and the next one starts afresh."""
+    """What one connection writes; whatever goes wrong ends both, and the next ones start afresh."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -135,12 +137,6 @@ class Writing:
         self._fresh: Counter[int] = Counter(dict(connection.execute(sql.COUNT_FRESH.encode())))
         self._forgetting = 0
         connection.commit()
-
-    def __enter__(self) -> Writing:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._connection.close()
 
     def take(self, batch: Batch) -> None:
         """Not before `commit` is it there; one that came before is left out."""
