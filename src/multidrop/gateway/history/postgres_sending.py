@@ -106,7 +106,12 @@ class Sender:
             self._wake.clear()
             waiting = self._outbox.take(AT_ONCE, number)
             for item in waiting:
-                writing.take(self._unpacked(item))
+                try:
+                    writing.take(self._unpacked(item))
+                except UsageError:
+                    if not number:
+                        raise
+                    return number  # what was before it is delivered first
                 number = item.number
             left = self._due - time.monotonic()
             more = len(waiting) == AT_ONCE
@@ -135,6 +140,8 @@ class Writing:
             for key, device, point in connection.execute(sql.ALL_SERIES.encode())
         }
         self._fresh: Counter[int] = Counter(dict(connection.execute(sql.COUNT_FRESH.encode())))
+        self._newest: dict[str, int] = {}  # the last batch of each run
+        self._spans: dict[Span, int] = {}
         self._forgetting = 0
         connection.commit()
 
@@ -163,10 +170,16 @@ class Writing:
 
     def _new_rows(self, batch: Batch) -> list[tuple[int, int, Row]]:
         execute = self._connection.execute
-        newest = _first(execute("SELECT max(batch) FROM spans WHERE run = %s", (batch.span.run,)))
-        if newest is not None and newest >= batch.number:
+        run = batch.span.run
+        if run not in self._newest:
+            newest = "SELECT coalesce(max(batch), 0) FROM spans WHERE run = %s"
+            self._newest[run] = _first(execute(newest, (run,)))
+        if self._newest[run] >= batch.number:
             return []
-        span = self._span(batch.span)
+        self._newest[run] = batch.number
+        if batch.span not in self._spans:
+            self._spans[batch.span] = self._span(batch.span)
+        span = self._spans[batch.span]
         execute(
             "UPDATE spans SET until = %s, ended = %s, batch = %s WHERE id = %s",
             (batch.until, batch.ended, batch.number, span),
