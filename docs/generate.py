@@ -168,6 +168,8 @@ def _limits(point: PointDescription) -> str:
 
 
 def _values(point: PointDescription) -> str:
+    if point.hexadecimal:
+        return "shown in hex"
     bits = [f"bit {bit} {name}" for bit, name in enumerate(point.bits) if name]
     return ", ".join([*(f"{raw} {name}" for raw, name in point.names.items()), *bits])
 

@@ -15,7 +15,7 @@ export function valueNode() {
     node,
     draw(point, value, past) {
       const known = value?.value;
-      const named = value?.meaning && point.names && Object.keys(point.names).length > 0;
+      const named = value?.meaning && (point.hexadecimal || Object.keys(point.names).length > 0);
       say(text, named ? "" : shown(known, past?.decimals ?? 3, point.unit));
       say(unit, !named && known !== null && known !== undefined ? point.unit ?? "" : "");
       say(name, named ? value.meaning : "");
