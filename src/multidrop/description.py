@@ -66,7 +66,7 @@ class PointDescription:
     bits: list[str] = field(
         default_factory=list, hash=False
     )  # names from bit 0 on; "" where a bit has none
-    hexadecimal: bool = False  # a code that manuals print in hex; of points without names and bits
+    hexadecimal: bool = False  # a code or a word of bits that manuals print in hex
     fault: int | None = None  # the bits of the raw value of which any says a fault
     functions: str = ""  # what may be asked of it, one character each, as the protocol numbers them
     refusals: list[int] = field(
@@ -126,7 +126,7 @@ class PointDescription:
         return bool(self.names or self.bits or self.hexadecimal)
 
     def meaning_of(self, raw: Value) -> str | None:
-        """The name of a raw value, of the bits that are set in it, or it in hex; None where it has none."""
+        """The names of the bits that are set in a raw value, or its own, or it in hex; None if it has none."""
         if not self.has_meanings:
             return None
         if isinstance(raw, str | bytes | float):
@@ -134,7 +134,8 @@ class PointDescription:
         if self.bits:
             on = [name for bit, name in enumerate(self.bits) if name and raw >> bit & 1]
             return ", ".join(on) or "none"
-        return f"{int(raw):04X}h" if self.hexadecimal else self.names.get(str(int(raw)))
+        name = self.names.get(str(int(raw)))
+        return f"{int(raw):04X}h" if name is None and self.hexadecimal else name
 
 
 def _plain(name: str) -> str:
