@@ -132,7 +132,11 @@ def test_a_silence_makes_no_change_new(site: Site) -> None:
                 axis.write(point, value)
             program.wait_for(f"axis: {point} (")
         ended = program.interrupt()
-    assert [line.split()[1] for line in ended.out.splitlines()] == ["kp", "ki", "position_error_limit"]
+    assert [line.split()[1] for line in ended.out.splitlines()] == [
+        "kp",
+        "ki",
+        "position_error_limit",
+    ]
     assert ended.err.count("axis: no reply") == 2
 
 
