@@ -201,7 +201,9 @@ class Partly(SimulatedInstrument):
 def test_silence_about_some_of_its_memory_is_no_death() -> None:
     instrument = Partly(1, Controller(1))
     with served(SimulatedLine([instrument], datalink.decoder)) as address:
-        device = address.device("53mc5000:1", timeout=0.25, attempts=1)  # long for who answers at once
+        device = address.device(
+            "53mc5000:1", timeout=0.25, attempts=1
+        )  # long for who answers at once
         with connect(device) as connection:
             run = Discovery(connection, "0x200..0x45F")
             assert len(list(run.run())) == 19 + 4
