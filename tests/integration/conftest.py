@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +11,10 @@ import pytest
 from integration.processes import DEVICES, Address, Simulator, simulator
 from integration.threads import simulated
 from integration.ways import WAYS, Way
+
+# Who starts the tests in the background of a shell has Ctrl-C ignored, by every program they start too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
