@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from integration.browser import Browser, browser
 from integration.processes import DEVICES, Address, Simulator, simulator
 from integration.threads import simulated
 from integration.ways import WAYS, Way
@@ -30,6 +31,13 @@ def plant() -> Iterator[Simulator]:
     """flexmax:0 with a card behind it, flexmax:1 and ax-v:2 over TCP, for tests that leave no trace."""
     with simulator() as started:
         yield started
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Browser]:
+    """A browser, which is slow to start."""
+    with browser() as opened:
+        yield opened
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from integration.presses import press
 from integration.processes import Ran, multidrop, running
 from integration.threads import served
 from multidrop.catalog import load_profile
@@ -17,20 +18,12 @@ from multidrop.protocols import slink3
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import Pace, SimulatedLine
 
-PRESS = """
-[profile]
-name = "press"
-version = "3"
-protocol = "slink3"
-dialect = "flexmax"
-[points]
-address = { at = "8511:uint16", role = "communication" }
-control_word = { at = "std/0x6040.0:uint16", role = "command" }
-model = { at = "8200:uint16", role = "identity", access = "r" }
-ramp = { at = "9000:int16", role = "setting", unit = "s", scale = 0.1, minimum = 0, maximum = 100 }
-gain = { at = "9001:float32", role = "setting" }
-label = { at = "9002:string", role = "setting" }
-"""
+PRESS = press(
+    'model = { at = "8200:uint16", role = "identity", access = "r" }',
+    'ramp = { at = "9000:int16", role = "setting", unit = "s", scale = 0.1, minimum = 0, maximum = 100 }',
+    'gain = { at = "9001:float32", role = "setting" }',
+    'label = { at = "9002:string", role = "setting" }',
+)
 
 
 @dataclass

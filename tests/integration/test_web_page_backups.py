@@ -11,18 +11,11 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from integration.browser import Browser, browser, driver_path
+from integration.browser import Browser
 from integration.processes import running
 from integration.test_web_passports import IMPATIENT, PLANT, POINTS, SLOW, Site, site_in
 
 VIEW = "#/device/axis"
-
-
-@pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    driver_path()
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
