@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from integration.gateways import Answer, Client
+from integration.gateways import Answer, Client, tokens
 from integration.processes import PATIENCE, Running, multidrop, running
 from integration.threads import served
 from multidrop.io.connection import connect
@@ -117,9 +117,7 @@ def site_in(folder: Path, plant: str = PLANT) -> Iterator[Site]:
     with served(line) as place:
         file = folder / "multidrop.toml"
         file.write_text(plant.format(port=place.port), "utf-8")
-        tokens = str(folder / "tokens.toml")
-        writer = multidrop("token", "tester", "--write", "-o", tokens).out.strip()
-        reader = multidrop("token", "reader", "-o", tokens).out.strip()
+        writer, reader = tokens(folder)
         with running("run", str(file)) as program:
             url = program.wait_for("http://")
             yield Site(Client(url, writer), reader, folder, line, place.port, program)
@@ -497,6 +495,6 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "kept").write_text("in the way")
     plant = PLANT.replace('path = "kept"', 'path = "kept/deeper"')
     (tmp_path / "multidrop.toml").write_text(plant.format(port="tcp://127.0.0.1:1"), "utf-8")
-    multidrop("token", "tester", "--write", "-o", str(tmp_path / "tokens.toml"))
+    tokens(tmp_path)
     ran = multidrop("run", str(tmp_path / "multidrop.toml"))
     assert (ran.status, str(tmp_path / "kept" / "deeper") in ran.err) == (2, True), ran.err
