@@ -14,7 +14,7 @@ from shutil import which
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line
@@ -34,7 +34,7 @@ PORT_NUMBER = 4001
     "--http", metavar="HOST:PORT", help="where the page is; 127.0.0.1:8080, or any free port"
 )
 @click.option("--terminal", is_flag=True, help="no page: a table in this terminal")
-@click.option("--seconds", type=NumberFrom(0.0), metavar="S", help="end after so long")
+@click.option("--seconds", type=Seconds(), metavar="S", help="end after so long")
 def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | None) -> None:
     """Start a simulated plant and its page, until Ctrl-C.
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 import click
 
 from multidrop.cli.failures import failure, report_failure
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
@@ -37,7 +37,7 @@ LOST = PortError.exit_status
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
 @click.option("--all", "everything", is_flag=True, help="every readable point of the profile")
-@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=Seconds(), metavar="S", help="repeat until Ctrl-C")
 @common()
 def read(
     common: Common, device: str, points: tuple[str, ...], everything: bool, every: float | None

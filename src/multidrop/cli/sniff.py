@@ -20,7 +20,7 @@ from multidrop.cli.listening import (
     protocol_name,
     style_of,
 )
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
 from multidrop.io.capture import CaptureWriter
@@ -41,7 +41,7 @@ from multidrop.tools.captures.tally import Tally
 )
 @click.argument("port", metavar="PORT[,key=value]...")
 @click.option("-o", "output", metavar="FILE", help="write a capture, pcapng for Wireshark")
-@click.option("--seconds", type=NumberFrom(0.0), metavar="S", help="end after so long")
+@click.option("--seconds", type=Seconds(), metavar="S", help="end after so long")
 @click.option("--quiet", "-q", is_flag=True, help="only the summary")
 @click.option("--baud", metavar="X", help=LINE_KEYS["baud"])
 @click.option("--format", metavar="X", help=LINE_KEYS["format"])

@@ -7,7 +7,7 @@ import time
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
 from multidrop.cli.reading import LOST, read_all
 from multidrop.errors import Error, PortError, UsageError
@@ -20,7 +20,7 @@ from multidrop.points import Point
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
 @click.option(
-    "--every", type=NumberFrom(0.0), default=0.5, metavar="S", help="s between readings (0.5)"
+    "--every", type=Seconds(), default=0.5, metavar="S", help="s between readings (0.5)"
 )
 @common()
 def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from multidrop.cli.failures import failure, report_failure
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.passports import shown
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import passports_folder
@@ -34,7 +34,7 @@ from multidrop.plantfile import Plant
     metavar="FOLDER",
     help="where passports are; else what [passports] says, else passports beside the plant file",
 )
-@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=Seconds(), metavar="S", help="repeat until Ctrl-C")
 @click.option(
     "--save",
     is_flag=True,
