@@ -14,6 +14,9 @@ from multidrop.profile import PointDescription
 PLAIN_WIDTH = 240
 """Columns of a table that goes into a file or a pipe."""
 
+GAP = 3
+"""Characters between two columns."""
+
 _as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
 
 
@@ -106,18 +109,32 @@ def _limits(item: PointDescription) -> str:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table for a terminal of any width, plain when it goes into a file."""
+    """A table whose columns fold between words, plain when it goes into a file.
+
+    Where a terminal has no room for whole words, each row is two lines: a name
+    that is folded cannot be typed.
+    """
     from rich import box
+    from rich.cells import cell_len
     from rich.console import Console
     from rich.table import Table
 
+    if not rows:
+        return
+    columns = list(zip(heads, *rows, strict=True))
+    words = [
+        max(cell_len(word) for cell in column for word in cell.split(" ")) for column in columns
+    ]
+    console = Console()
+    room = console.width if console.is_terminal else PLAIN_WIDTH
+    if sum(words) + GAP * len(words) > room:
+        for first, second, *others in rows:
+            click.echo(f"{first}   {second}\n    {'   '.join(filter(None, others))}".rstrip())
+        return
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in heads:
-        table.add_column(head, overflow="fold")
+    for head, *cells in columns:
+        table.add_column(head, overflow="fold", no_wrap=not any(" " in cell for cell in cells))
     for row in rows:
         table.add_row(*row)
-    if rows:
-        console = Console()
-        if not console.is_terminal:
-            console = Console(width=PLAIN_WIDTH)
-        console.print(table)
+    console.width = room
+    console.print(table)

@@ -12,6 +12,7 @@ import click
 
 from multidrop.cli.failures import INTERRUPTED, report_failure
 from multidrop.errors import Error
+from multidrop.io.audit import FULL
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
     "demo": ("demo", "A simulated plant and its page: start here."),
@@ -113,8 +114,24 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status."""
+    _open_streams()
+    color = False if os.environ.get("NO_COLOR") else None
+    with click.Context(cli, color=color):  # for what is said when the command's own is gone
+        return _run(arguments, color)
+
+
+def _open_streams() -> None:
+    """Whoever was started without a stream writes to nowhere; else the first port or file would be it."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            number = os.open(os.devnull, os.O_RDWR)
+            stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115 - to our end
+            setattr(sys, name, stream)
+
+
+def _run(arguments: Sequence[str] | None, color: bool | None) -> int:
     try:
-        result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False)
+        result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False, color=color)
         sys.stdout.flush()
     except click.exceptions.Exit as leave:
         return leave.exit_code
@@ -129,10 +146,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (OutputGone, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # the disk under the log of writes, say
-        click.secho(f"{error}", err=True, fg="red")
+    except OSError as error:
+        click.secho(_of_system(error), err=True, fg="red")
         return 1
     except Error as error:
         report_failure(error)
         return error.exit_status
     return result if isinstance(result, int) else 0
+
+
+def _of_system(error: OSError) -> str:
+    """What the system said: of a file, of the disk under standard output, or of something else."""
+    if error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return (
+        f"the output could not be written: {error.strerror}" if error.errno in FULL else str(error)
+    )

@@ -25,9 +25,7 @@ class _Plain(click.ParamType):  # type: ignore[type-arg]  # older ones take none
             self._refuse(value, param, ctx)
         return number
 
-    def _refuse(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> None:
+    def _refuse(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> None:
         self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile, profile_file
+from multidrop.cli.log import CommandLog
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
@@ -76,14 +77,19 @@ class Common:
         return load_plant(path, functools.partial(load_profile, config=path))
 
     def plant_path(self) -> Path:
-        """The plant file, whether or not there is one."""
+        """The plant file, whether or not there is one. Raises `UsageError` where it was named."""
+        if self.config is not None and not Path(self.config).exists():
+            raise UsageError(f"{self.config}: No such file or directory")
         return Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
 
     def _plant_target(self, found: PlantDevice) -> Target:
         return Target(_with_keys(found.device, self.keys), found.profile)
 
     def audit(self) -> AuditLog:
-        return AuditLog(origin="command line", force=self.force)
+        """The log of writes. What it could not take is an `OSError` at the command's end."""
+        log = CommandLog(origin="command line", force=self.force)
+        click.get_current_context().call_on_close(log.demand_whole)
+        return log
 
     def connect(self, target: Target) -> Connection:
         """Open the device's line, with a trace and a capture on it if those were asked for."""

@@ -19,9 +19,7 @@ from multidrop.points import Point
 @click.command(epilog="Example: multidrop watch flexmax:0@/dev/ttyUSB0 actual_speed 8236:int16")
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
-@click.option(
-    "--every", type=Seconds(), default=0.5, metavar="S", help="s between readings (0.5)"
-)
+@click.option("--every", type=Seconds(), default=0.5, metavar="S", help="s between readings (0.5)")
 @common()
 def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> int:
     """Show POINTs of DEVICE live with their trend, until Ctrl-C.

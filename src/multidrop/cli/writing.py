@@ -89,6 +89,7 @@ def _write_all(
             record = Written(write.point, write.value, Outcome.NOT_SENT)
         else:
             try:
+                connection.audit.check()
                 record = connection.carry_out(write, verify=verify)
             except Error as error:  # nothing was sent
                 record = Written(write.point, write.value, Outcome.NOT_SENT, error=error)

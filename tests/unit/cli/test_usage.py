@@ -144,6 +144,7 @@ def test_devices_and_keys(command_line: CommandLine, device: str, message: str) 
         (("--stuffing", "on"), "unknown key 'stuffing'"),
         (("--broadcast", "0"), "broadcast='0' is out of range"),
         (("--profile", "none.toml"), "none.toml: No such file"),
+        (("--config", "none.toml"), "none.toml: No such file"),
     ],
 )
 def test_keys_as_options(command_line: CommandLine, option: tuple[str, ...], message: str) -> None:
