@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from multidrop.catalog import CONFIG
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import find_plant, protocol_name
 from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
@@ -82,7 +83,11 @@ def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **
     if file is not None:
         _check_writable(file)
     taps = RoundTaps(plan.port, trace=trace, capture=given["capture"])
-    with contextlib.closing(taps), _progress(quiet=trace) as tell:
+    with (
+        failure_as_line(plan.port, json, of="port"),
+        contextlib.closing(taps),
+        _progress(quiet=trace) as tell,
+    ):
         case = Examination(
             *(plan.port, plan.options, plan.visits),
             seconds=seconds,

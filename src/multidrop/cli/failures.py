@@ -26,13 +26,13 @@ def failure(error: Error) -> dict[str, Any]:
 
 
 @contextmanager
-def failure_as_line(device: str, wanted: bool) -> Iterator[None]:
-    """What fails in here is a JSON line too, where that is `wanted`: of the device, not of a point."""
+def failure_as_line(name: str, wanted: bool, *, of: str = "device") -> Iterator[None]:
+    """What fails in here is a JSON line too, where that is `wanted`: of a device or a port, not of a point."""
     try:
         yield
     except Error as error:
         if wanted:
-            line = {"v": 1, "device": device, "error": failure(error)}
+            line = {"v": 1, of: name, "error": failure(error)}
             click.echo(json.dumps(line, ensure_ascii=False))
         raise
 

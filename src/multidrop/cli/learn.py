@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from multidrop.catalog import check_points, profile_file
-from multidrop.cli.failures import report_failure
+from multidrop.cli.failures import failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
@@ -47,7 +47,7 @@ def learn(common: Common, device: str, output: str) -> int:
         )
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("learn asks questions, and nobody is there to answer: it needs a terminal")
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         learning = Learning(connection)
         _say(f"reading {len(learning.points):,} points, twice ...")
         learning.begin()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
@@ -30,7 +31,7 @@ def backup(common: Common, device: str, output: str) -> int:
     if not common.force:
         _check_place(path, target)
     check_place(path, force=True)
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         run = Backup.of(connection)
         with click.progressbar(
             run.run(),
@@ -94,7 +95,8 @@ def _side(common: Common, text: str) -> Passport:
     path = Path(text)
     if "@" not in text and (path.is_file() or path.suffix):
         return load(path, damaged=common.force)
-    with common.connect(common.target(text)) as connection:
+    target = common.target(text)
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         return back_up(connection)
 
 

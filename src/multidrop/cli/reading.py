@@ -15,7 +15,7 @@ from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
-from multidrop.io.connection import Connection
+from multidrop.io.connection import Connection, Target
 from multidrop.io.readings import in_order, readable
 from multidrop.points import Point, Reading, shown_value
 
@@ -51,13 +51,7 @@ def read(
         asked = list(readable(worked_out))
     else:
         asked = [point for text in points for point in worked_out.points(text)]
-    try:
-        connection = common.connect(target)
-    except PortError as error:
-        for point in asked if common.json else ():
-            click.echo(_failed(str(target.name), point, error))
-        raise
-    with connection:
+    with connected(common, target, asked) as connection:
         started = time.monotonic()
         while True:
             status = read_all(connection, asked, common.json, device)
@@ -65,6 +59,16 @@ def read(
                 return status
             started += every
             time.sleep(max(0.0, started - time.monotonic()))
+
+
+def connected(common: Common, target: Target, points: Sequence[Point]) -> Connection:
+    """The device on its open line; where that cannot be opened, each point has failed."""
+    try:
+        return common.connect(target)
+    except PortError as error:
+        for point in points if common.json else ():
+            click.echo(_failed(str(target.name), point, error))
+        raise
 
 
 def read_all(connection: Connection, points: Sequence[Point], as_json: bool, device: str) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.failures import failure, report_failure
+from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
 from multidrop.device import KeepsMemory
@@ -76,7 +76,7 @@ def restore(
     if not dry_run:
         _check_undo(undo_path)
         common.audit().check()
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         planned = plan(connection, wanted, roles, force=common.force, past_limits=past_limits)
         _show_plan(common, planned, device)
         if dry_run or not planned.writes:

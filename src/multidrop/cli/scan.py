@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from multidrop.cli.about import print_table
-from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.failures import INTERRUPTED, failure_as_line
 from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
+from multidrop.io.text_file import check_place, write_whole
 from multidrop.naming import LINE_KEYS, LineOptions
 from multidrop.tools.scan.plan import (
     FIXED,
@@ -83,8 +84,8 @@ def _port_options(command: Any) -> Any:
 def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Find out which protocol, baud rate, format and addresses answer at PORT. Only reads are sent."""
     url, options = _port(port, given)
-    if output is not None and Path(output).exists() and not given["force"]:
-        raise UsageError(f"{output} is there already; --force replaces it")
+    if output is not None:
+        check_place(Path(output), force=given["force"])
     kept = StateFile(url, Path(given["state"]) if given["state"] else None)
     state = _state(kept, given, url)
     taps = RoundTaps(url, trace=trace, capture=given["capture"])
@@ -92,30 +93,40 @@ def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -
     scanner = Scanner(url, options, state, watch=taps)
     _announce(url, scanner, state)
     try:
-        with _progress(scanner, kept, quiet=trace):
+        with failure_as_line(url, json, of="port"), _progress(scanner, kept, quiet=trace):
             devices = scanner.run()
     except KeyboardInterrupt:
-        _broken_off("interrupted", scanner, kept, port, json)
+        click.secho("interrupted", err=True, fg="red")
+        _broken_off(scanner, kept, port, json)
         return INTERRUPTED
-    except PortError as error:
+    except PortError:
         if state.left is not None:
-            _broken_off(str(error), scanner, kept, port, json)
+            _broken_off(scanner, kept, port, json)
         raise
     if scanner.traffic is not None:
-        if scanner.traffic.between:
-            _broken_off(_traffic(scanner.traffic, url), scanner, kept, port, json)
-            return BROKE_IN
         click.secho(_traffic(scanner.traffic, url), err=True, fg="red")
-        return ANOTHER_MASTER
+        if not scanner.traffic.between:
+            return ANOTHER_MASTER
+        _broken_off(scanner, kept, port, json)
+        return BROKE_IN
     kept.remove()
     _show(devices, json)
-    if output is not None:
-        Path(output).write_text(as_toml(url, devices), encoding="utf-8")
-        click.echo(f"written to {output}", err=True)
-    elif not json and any(item.profile for item in devices):
-        click.echo(as_toml(url, devices), nl=False)
+    known = [item for item in devices if item.profile is not None]
+    _write(url, known, output, json)
     _say_what_is_left(url, scanner)
-    return 0 if any(item.profile for item in devices) else NOTHING_FOUND
+    return 0 if known else NOTHING_FOUND
+
+
+def _write(url: str, known: list[FoundDevice], output: str | None, json: bool) -> None:
+    """The plant file, where somebody answered: nobody is no plant, and replaces none."""
+    if output is None:
+        if known and not json:
+            click.echo(as_toml(url, known), nl=False)
+    elif known:
+        write_whole(as_toml(url, known), Path(output))
+        click.echo(f"written to {output}", err=True)
+    else:
+        click.echo(f"{output} is not written: there is nothing to write into it", err=True)
 
 
 # -- what is asked for -----------------------------------------------------------------------
@@ -247,10 +258,9 @@ def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[Non
 # -- at the end ------------------------------------------------------------------------------
 
 
-def _broken_off(why: str, scanner: Scanner, kept: StateFile, port: str, json: bool) -> None:
+def _broken_off(scanner: Scanner, kept: StateFile, port: str, json: bool) -> None:
     """What was found so far, and how to go on."""
     state = scanner.state
-    click.secho(why, err=True, fg="red")
     _show(state.devices, json)
     if state.found:
         addresses = ", ".join(str(address) for address in sorted(state.found))

@@ -11,6 +11,7 @@ from dataclasses import replace
 import click
 
 from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import (
     Company,
     company,
@@ -77,8 +78,9 @@ def sniff(
     found = company(plant, name, device_profiles)
     given = {**found.keys, **_pairs(pairs), **{k: v for k, v in keys.items() if v is not None}}
     line = _Line(name, found, given, protocol_name(protocol) or found.protocol())
-    opened = open_port(name, PortSetup(line.settings, line.options))
     with contextlib.ExitStack() as stack:
+        stack.enter_context(failure_as_line(name, json, of="port"))
+        opened = open_port(name, PortSetup(line.settings, line.options))
         stack.callback(opened.close)
         writer = None
         if output is not None:

@@ -9,7 +9,7 @@ import click
 from multidrop.cli.live import LiveTable, Row
 from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
-from multidrop.cli.reading import LOST, read_all
+from multidrop.cli.reading import LOST, connected, read_all
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection
 from multidrop.io.readings import in_order
@@ -37,7 +37,7 @@ def watch(common: Common, device: str, points: tuple[str, ...], every: float) ->
     worked_out = target.device()
     asked = [point for text in points for point in worked_out.points(text)]
     rows = [Row(str(point), point.unit or "") for point in asked]
-    with common.connect(target) as connection:
+    with connected(common, target, asked) as connection:
         if common.json:
             return _watch_json(connection, asked, every)
         with LiveTable(device, rows) as table:
