@@ -42,6 +42,7 @@ def reset_comm(common: Common, device: str) -> None:
     """Reset the serial interface of DEVICE. Its faults stay: see clear-faults."""
     target = common.target(device)
     target.device().reset_comm()
+    common.confirm(f"Reset the serial interface of {device}?", needs_yes=False)
     _served(common, target, Connection.reset_comm)
 
 

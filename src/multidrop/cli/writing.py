@@ -10,7 +10,7 @@ import click
 
 from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.device import Write
+from multidrop.device import Device, Write
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable, shown
 from multidrop.io.connection import Connection, keeping
@@ -41,13 +41,9 @@ def write(
     worked_out = target.device()
     if nv:
         keeping(worked_out)
-    pairs = [parse_assignment(text) for text in assignments]
-    writes = [
-        worked_out.prepare_write(f"{point}@nv" if nv else point, value, force=common.force)
-        for point, value in pairs
-    ]
+    writes = [_prepared(worked_out, text, nv=nv, force=common.force) for text in assignments]
     common.audit().check()
-    _confirm_commands(common, device, writes)
+    _confirm(common, device, writes)
     try:
         connection = common.connect(target)
     except PortError as error:
@@ -59,6 +55,15 @@ def write(
         return _write_all(connection, writes, common.json, not no_verify, keep_going)
 
 
+def _prepared(device: Device, text: str, *, nv: bool, force: bool) -> Write:
+    """`POINT=VALUE`, checked. Raises `UsageError`, which names the point: it may be one of many."""
+    point, value = parse_assignment(text)
+    try:
+        return device.prepare_write(f"{point}@nv" if nv else point, value, force=force)
+    except UsageError as error:
+        raise (error if point in str(error) else UsageError(f"{point}: {error}")) from None
+
+
 def parse_assignment(text: str) -> tuple[str, str]:
     """`POINT=VALUE`. Raises `UsageError`."""
     point, equals, value = text.partition("=")
@@ -67,16 +72,22 @@ def parse_assignment(text: str) -> tuple[str, str]:
     return point.strip(), value
 
 
-def _confirm_commands(common: Common, device: str, writes: list[Write]) -> None:
-    moving = [
-        f"{write.point}={shown_value(write.value)}"
-        for write in writes
-        if write.point.role is Role.COMMAND
-    ]
+def _confirm(common: Common, device: str, writes: list[Write]) -> None:
+    """What may move something is asked about. What no profile explains may be a command too."""
+    moving, unexplained = (_of_role(writes, role) for role in (Role.COMMAND, Role.UNKNOWN))
+    parts = []
     if moving:
-        common.confirm(
-            f"{', '.join(moving)} may start, stop or switch {device}. Write it?", needs_yes=True
-        )
+        parts.append(f"{moving} may start, stop or switch {device}")
+    if unexplained:
+        parts.append(f"no profile says what {unexplained} does: it may move {device}")
+    if parts:
+        common.confirm(f"{'; '.join(parts)}. Write it?", needs_yes=bool(moving))
+
+
+def _of_role(writes: list[Write], role: Role) -> str:
+    return ", ".join(
+        f"{write.point}={shown_value(write.value)}" for write in writes if write.point.role is role
+    )
 
 
 def _write_all(
