@@ -44,6 +44,10 @@ def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | 
     what it needs they are shown in the terminal.
     """
     page = not terminal and _has_page()
+    if page and http is not None:
+        from multidrop.cli.demo_page import check_place
+
+        check_place(http)
     with contextlib.ExitStack() as stack:
         ports = _start(stack, listen)
         for port in ports.values():
@@ -93,6 +97,8 @@ def _start(stack: contextlib.ExitStack, listen: str | None) -> dict[str, str]:
 
 def _addresses(first: str, count: int) -> list[str]:
     """Where each line listens: the ports from the first on, or any."""
+    if not first.startswith("tcp://"):
+        raise UsageError(f"{first!r} is not of the form tcp://HOST:PORT")
     host, number = tcp_address(first)
     shown = f"[{host}]" if ":" in host else host
     return [f"tcp://{shown}:{number + place if number else 0}" for place in range(count)]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json as json_module
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,13 +24,14 @@ from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
 from multidrop.errors import UsageError
 from multidrop.io.connection import Target
+from multidrop.io.text_file import check_place
 from multidrop.naming import LINE_KEYS, LineOptions, parse_port
 from multidrop.plantfile import Plant
 from multidrop.protocols import PROTOCOLS
 from multidrop.tools.doctor.asking import TIMES
 from multidrop.tools.doctor.doctor import judge
 from multidrop.tools.doctor.examination import Examination, Visit
-from multidrop.tools.doctor.report import lines_of, report
+from multidrop.tools.doctor.report import is_report, lines_of, report
 from multidrop.tools.doctor.verdicts import Verdict, status_of
 from multidrop.tools.scan.plan import parse_addresses
 
@@ -81,7 +84,7 @@ def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **
     if not 1 <= given["times"] <= 10000:
         raise UsageError(f"times={given['times']} is out of range: 1..10000")
     if file is not None:
-        _check_writable(file)
+        _check_report(Path(file))
     taps = RoundTaps(plan.port, trace=trace, capture=given["capture"])
     with (
         failure_as_line(plan.port, json, of="port"),
@@ -200,13 +203,13 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
-def _check_writable(file: str) -> None:
-    """Before anything is sent. Raises `UsageError`."""
-    try:
-        with Path(file).open("a", encoding="utf-8"):
-            pass
-    except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from None
+def _check_report(path: Path) -> None:
+    """Before anything is sent: a report replaces an older one, and nothing else. Raises `UsageError`."""
+    check_place(path, force=True)
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise UsageError(f"{path} cannot be written: {os.strerror(errno.EACCES)}")
+    if path.is_file() and path.stat().st_size and not is_report(path):
+        raise UsageError(f"{path} is there and no report of the doctor; it is not replaced")
 
 
 def _write(file: str, case: Case, verdicts: list[Verdict]) -> None:

@@ -89,6 +89,10 @@ def simulate(
             raise UsageError(
                 "a plant file has its own ports and keys: leave --listen and --stuffing away"
             )
+        if len(devices) > 1:
+            raise UsageError(
+                f"{devices[0]} has its own devices: leave {' '.join(devices[1:])} away"
+            )
         lines = _of_plant(devices[0])
     else:
         lines = _named(devices, listen, own)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import click
 
-from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli.capturing import new_capture, warn_if_incomplete
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import (
     Company,
@@ -24,7 +24,6 @@ from multidrop.cli.listening import (
 from multidrop.cli.numbers import Seconds
 from multidrop.device import ProtocolModule
 from multidrop.errors import UsageError
-from multidrop.io.capture import CaptureWriter
 from multidrop.io.connection import line_settings
 from multidrop.io.ports import PortSetup, open_port
 from multidrop.naming import LINE_KEYS, LineOptions
@@ -84,7 +83,7 @@ def sniff(
         stack.callback(opened.close)
         writer = None
         if output is not None:
-            writer = CaptureWriter.create(output)
+            writer = new_capture(output)
             stack.callback(warn_if_incomplete, writer, output)
             stack.callback(writer.close)
         sniffer = Sniffer(
