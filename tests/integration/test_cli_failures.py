@@ -46,9 +46,12 @@ def test_the_port_of_a_device_that_cannot_be_opened(passport: str, command: str)
     assert fails(command, f"ax-v:2@{NOBODY}", passport, "port") == 5
 
 
-@pytest.mark.parametrize("command", ["scan", "doctor", "sniff"])
-def test_a_port_that_cannot_be_opened(command: str) -> None:
-    ran = multidrop(command, NOBODY, "--json")
+@pytest.mark.parametrize(
+    "command", [("scan",), ("doctor",), ("sniff",), ("share", "--listen", "tcp://127.0.0.1:0")]
+)
+def test_a_port_that_cannot_be_opened(command: tuple[str, ...]) -> None:
+    name, *options = command
+    ran = multidrop(name, NOBODY, *options, "--json")
     assert ran.status == 5
     assert ran.object["port"] == NOBODY
     assert ran.object["error"]["kind"] == "port"

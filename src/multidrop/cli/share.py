@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
@@ -51,7 +52,8 @@ def share(
     name, keys = parse_port(port)
     found = targets(name, {**keys, **common.keys})
     audit = AuditLog(origin="share", force=common.force)
-    asyncio.run(_share(common, found, Rules(audit, allow_writes, protocol), listen))
+    with failure_as_line(name, common.json, of="port"):
+        asyncio.run(_share(common, found, Rules(audit, allow_writes, protocol), listen))
 
 
 async def _share(common: Common, found: Any, rules: Rules, where: str) -> None:
