@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
@@ -95,6 +96,65 @@ def test_a_table_on_a_narrow_terminal_keeps_its_names(tmp_path: Path) -> None:
         assert terminal.ended() == 0
     assert "speed_setpoint" in terminal.shown
     assert "std/0x6042.0:int16" in terminal.shown
+
+
+PLANT = """[line.press]
+port = "PORT"
+[line.press.device.winder]
+profile = "ax-v"
+address = 2
+[line.press.device.winder.points]
+tension = { at = "1009:int16", unit = "\u03a9\u00b7m" }
+"""
+
+
+@pytest.fixture
+def odd_unit(tmp_path: Path, plant: Simulator) -> Path:
+    """A folder with a plant file that has a point in units of `\u03a9\u00b7m`, and a capture of it."""
+    (tmp_path / "multidrop.toml").write_text(PLANT.replace("PORT", plant.port), encoding="utf-8")
+    assert multidrop("read", "winder", "tension", "--capture", "c", cwd=tmp_path).status == 0
+    return tmp_path
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8"])
+@pytest.mark.parametrize("command", ["read winder tension", "decode c", "decode c --csv"])
+def test_a_stream_that_has_not_every_letter(odd_unit: Path, encoding: str, command: str) -> None:
+    ran = subprocess.run(
+        [COMMAND, *command.split()],
+        capture_output=True,
+        cwd=odd_unit,
+        timeout=PATIENCE,
+        env=environment(PYTHONIOENCODING=encoding),
+        check=False,
+    )
+    assert ran.returncode == 0
+    assert b"125" in ran.stdout
+    assert b"Traceback" not in ran.stderr
+
+
+@pytest.mark.parametrize("command", ["read winder tension", "decode c", "check"])
+def test_json_is_utf_8_everywhere(odd_unit: Path, command: str) -> None:
+    ran = subprocess.run(
+        [COMMAND, *command.split(), "--json"],
+        capture_output=True,
+        cwd=odd_unit,
+        timeout=PATIENCE,
+        env=environment(PYTHONIOENCODING="cp1252"),
+        check=False,
+    )
+    (line,) = ran.stdout.decode("utf-8").splitlines()
+    assert json.loads(line).get("unit") == (None if command == "check" else "\u03a9\u00b7m")
+
+
+def test_a_name_that_the_locale_has_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plant: Simulator
+) -> None:
+    for name, value in (("LC_ALL", "C"), ("PYTHONUTF8", "0"), ("PYTHONCOERCECLOCALE", "0")):
+        monkeypatch.setenv(name, value)
+    asked = ("backup", plant.device("ax-v:2"), "-o", "w\u00f6.toml")
+    assert multidrop(*asked, "--json", cwd=tmp_path).object["file"] == "w\u00f6.toml"
+    assert multidrop(*asked, cwd=tmp_path).status == 0
+    assert (tmp_path / "w\u00f6.toml").exists()
 
 
 def test_a_locale_that_knows_no_bars(monkeypatch: pytest.MonkeyPatch, plant: Simulator) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from multidrop.cli import streams
 from multidrop.cli.failures import INTERRUPTED, report_failure
 from multidrop.errors import Error
 from multidrop.io.audit import FULL
@@ -114,19 +115,10 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status."""
-    _open_streams()
+    streams.prepare(sys.argv[1:] if arguments is None else arguments)
     color = False if os.environ.get("NO_COLOR") else None
     with click.Context(cli, color=color):  # for what is said when the command's own is gone
         return _run(arguments, color)
-
-
-def _open_streams() -> None:
-    """Whoever was started without a stream writes to nowhere; else the first port or file would be it."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            number = os.open(os.devnull, os.O_RDWR)
-            stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115 - to our end
-            setattr(sys, name, stream)
 
 
 def _run(arguments: Sequence[str] | None, color: bool | None) -> int:
