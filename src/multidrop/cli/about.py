@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Sequence
 from typing import Any
 
 import click
 
 from multidrop.catalog import load_profile
+from multidrop.cli.flags import as_json
+from multidrop.cli.words import json_line
 from multidrop.profile import PointDescription
 
 PLAIN_WIDTH = 240
@@ -17,11 +18,9 @@ PLAIN_WIDTH = 240
 GAP = 3
 """Characters between two columns."""
 
-_as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
-
 
 @click.command(epilog="Example: multidrop ports")
-@_as_json
+@as_json
 def ports(json: bool) -> None:
     """List the serial ports of this machine: stable name, adapter, busy or not, latency."""
     from multidrop.io.list_ports import list_ports
@@ -29,7 +28,7 @@ def ports(json: bool) -> None:
     found = list_ports()
     if json:
         for facts in found:
-            click.echo(json_module.dumps({"v": 1, **facts.fields()}))
+            click.echo(json_line(facts.fields()))
         return
     if not found:
         click.echo("no serial ports on this machine; a device server is tcp://HOST:PORT", err=True)
@@ -50,14 +49,14 @@ def ports(json: bool) -> None:
 @click.command(epilog="Example: multidrop points flexmax speed")
 @click.argument("profile")
 @click.argument("word", required=False)
-@_as_json
+@as_json
 def points(profile: str, word: str | None, json: bool) -> None:
     """List the points of PROFILE, or those that WORD occurs in."""
     found = load_profile(profile)
     chosen = [item for item in found.points.values() if word is None or _mentions(item, word)]
     if json:
         for item in chosen:
-            click.echo(json_module.dumps({"v": 1, "profile": found.name, **_facts(item)}))
+            click.echo(json_line({"profile": found.name, **_facts(item)}))
         return
     rows = [
         (

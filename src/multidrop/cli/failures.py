@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import click
 
+from multidrop.cli.words import json_line
 from multidrop.errors import DeviceError, Error, NoReply, OutcomeUnknown
 
 INTERRUPTED = 130
@@ -32,8 +32,7 @@ def failure_as_line(name: str, wanted: bool, *, of: str = "device") -> Iterator[
         yield
     except Error as error:
         if wanted:
-            line = {"v": 1, of: name, "error": failure(error)}
-            click.echo(json.dumps(line, ensure_ascii=False))
+            click.echo(json_line({of: name, "error": failure(error)}))
         raise
 
 

@@ -12,7 +12,8 @@ from typing import Any, Self
 
 import click
 
-from multidrop.points import Value, shown_value
+from multidrop.cli.words import with_unit
+from multidrop.points import Value
 
 BARS = "▁▂▃▄▅▆▇█"
 TREND = 40  # values
@@ -63,7 +64,7 @@ class Row:
     def text(self) -> str:
         if self.value is None:
             return "-"
-        return shown_value(self.value) + (f" {self.unit}" if self.unit else "")
+        return with_unit(self.value, self.unit)
 
 
 class LiveTable:

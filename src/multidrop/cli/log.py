@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import click
 
+from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 
@@ -31,7 +31,7 @@ class CommandLog(AuditLog):
             super().append(device, point, **facts)
         except OSError as error:
             self.missed = OSError(error.errno, error.strerror, str(self.path))
-            line = json.dumps({"device": device, "point": point, **facts}, ensure_ascii=False)
+            line = json_line({"device": device, "point": point, **facts})
             click.secho(f"not in the log of writes: {line}", err=True, fg="red")
 
     def demand_whole(self) -> None:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.about import print_table
 from multidrop.cli.failures import INTERRUPTED, failure_as_line
 from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
+from multidrop.cli.words import duration, json_line
 from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
 from multidrop.io.text_file import check_place, write_whole
-from multidrop.naming import LINE_KEYS, LineOptions
+from multidrop.naming import LineOptions
 from multidrop.tools.scan.plan import (
     FIXED,
     LISTEN,
@@ -44,10 +46,7 @@ FEW_ROUNDS = 4
 _PORT_KEYS = ("rts", "dtr", "direction")
 
 
-def _port_options(command: Any) -> Any:
-    for key in reversed(_PORT_KEYS):
-        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=LINE_KEYS[key])(command)
-    return command
+_port_keys = partial(flags.line_keys, keys=_PORT_KEYS)
 
 
 @click.command(
@@ -75,12 +74,10 @@ def _port_options(command: Any) -> Any:
 @click.option("--state", metavar="FILE", help="where a scan is kept until it ends, for --resume")
 @click.option("-o", "--output", metavar="FILE", help="write the plant file here, not to the screen")
 @click.option("--force", is_flag=True, help="replace FILE")
-@click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
-@click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")
-@click.option(
-    "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
-)
-@_port_options
+@flags.as_json
+@flags.trace
+@flags.capture
+@_port_keys
 def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Find out which protocol, baud rate, format and addresses answer at PORT. Only reads are sent."""
     url, options = _port(port, given)
@@ -136,7 +133,7 @@ def _port(text: str, given: dict[str, Any]) -> tuple[str, LineOptions]:
     """`PORT[,key=value]...`; keys of the port itself, for the rest is what a scan finds out."""
     url, *pairs = text.split(",")
     keys = dict(pair.partition("=")[::2] for pair in pairs)
-    keys |= {key: given[f"key_{key}"] for key in _PORT_KEYS if given[f"key_{key}"] is not None}
+    keys |= flags.taken_keys(given)
     for key in keys:
         if key not in _PORT_KEYS:
             raise UsageError(
@@ -197,16 +194,12 @@ def _announce(url: str, scanner: Scanner, state: State) -> None:
         names = ", ".join(dict.fromkeys(item.protocol for item in left))
         what = f"{names} at {len({(item.baud, item.format) for item in left})} settings"
     again = f" from {scanner.at} on" if state.number or state.left is not None else ""
-    click.echo(f"{url}: {what}{again}; about {_duration(seconds)}", err=True)
+    click.echo(f"{url}: {what}{again}; about {duration(seconds)}", err=True)
 
 
 def _addresses(item: Round) -> str:
     count = len(item.addresses)
     return f"address {item.addresses[0]}" if count == 1 else f"{count} addresses"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 @contextmanager
@@ -300,7 +293,7 @@ def _traffic(traffic: Traffic, url: str) -> str:
 def _show(devices: list[FoundDevice], json: bool) -> None:
     if json:
         for device in devices:
-            click.echo(json_module.dumps(_fields(device)))
+            click.echo(json_line(_fields(device)))
         return
     rows = [
         (
@@ -321,7 +314,6 @@ def _behind(device: FoundDevice) -> str:
 
 def _fields(device: FoundDevice) -> dict[str, Any]:
     fields: dict[str, Any] = {
-        "v": 1,
         "protocol": device.protocol,
         "profile": device.profile,
         "address": device.address,

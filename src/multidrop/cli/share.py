@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json as json_module
 import signal
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ import click
 
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line, utc
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.listen import Listener
@@ -105,5 +105,4 @@ class _Said:
             click.echo(counts.shown(), err=True)
 
     def _object(self, event: str, **facts: Any) -> None:
-        time = datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
-        click.echo(json_module.dumps({"v": 1, "event": event, "time": time, **facts}))
+        click.echo(json_line({"event": event, "time": utc(datetime.now(UTC)), **facts}))
