@@ -80,11 +80,8 @@ def restore(
         _show_plan(common, planned, device)
         if dry_run or not planned.writes:
             return 0
-        if planned.running is not None and not while_enabled:
-            raise UsageError(
-                f"{device} says that it is running ({planned.running}); stop it first, or say"
-                " --while-enabled; nothing was written"
-            )
+        if not while_enabled:
+            _demand_stopped(planned, device)
         common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
         save(undo(connection, planned), undo_path)
         click.echo(f"{undo_path} undoes it", err=True)
@@ -95,6 +92,14 @@ def restore(
             f"only the working values: multidrop save {device} POINT... keeps them", err=True
         )
     return status
+
+
+def _demand_stopped(planned: Plan, device: str) -> None:
+    if planned.running is not None:
+        raise UsageError(
+            f"{device} says that it is running ({planned.running}); stop it first, or say"
+            " --while-enabled; nothing was written"
+        )
 
 
 def _undo_path(file: Path) -> Path:

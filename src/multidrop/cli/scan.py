@@ -222,6 +222,12 @@ def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[Non
     if quiet or not sys.stderr.isatty():
         yield
         return
+    with _bar() as show:
+        yield
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[Progress], None]]:
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -244,8 +250,7 @@ def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[Non
                 completed=progress.asked,
             )
 
-        show = shown
-        yield
+        yield shown
 
 
 # -- at the end ------------------------------------------------------------------------------
