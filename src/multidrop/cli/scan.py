@@ -204,30 +204,31 @@ def _addresses(item: Round) -> str:
 
 @contextmanager
 def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[None]:
-    """Keeps the state, and shows a bar where standard error is a terminal."""
-    show: Callable[[Progress], None] = lambda progress: None  # noqa: E731
+    """Keeps the state, and shows how far it is."""
     kept_well = True
 
-    def told(progress: Progress) -> None:
-        nonlocal kept_well
-        try:
-            kept.keep(scanner.state, time.monotonic())
-        except OSError as error:
-            if kept_well:
-                click.echo(f"{kept.path}: {error.strerror}; --resume will not work", err=True)
-            kept_well = False
-        show(progress)
+    with _bar(quiet=quiet) as show:
 
-    scanner.tell = told
-    if quiet or not sys.stderr.isatty():
-        yield
-        return
-    with _bar() as show:
+        def told(progress: Progress) -> None:
+            nonlocal kept_well
+            try:
+                kept.keep(scanner.state, time.monotonic())
+            except OSError as error:
+                if kept_well:
+                    click.echo(f"{kept.path}: {error.strerror}; --resume will not work", err=True)
+                kept_well = False
+            show(progress)
+
+        scanner.tell = told
         yield
 
 
 @contextmanager
-def _bar() -> Iterator[Callable[[Progress], None]]:
+def _bar(*, quiet: bool) -> Iterator[Callable[[Progress], None]]:
+    """A bar where standard error is a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda progress: None
+        return
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
