@@ -14,16 +14,18 @@ import contextlib
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 from multidrop.errors import Error, OutcomeUnknown, PortError
 from multidrop.gateway.check import demand_right
 from multidrop.gateway.clock import synchronised
 from multidrop.gateway.fault_watch import FaultWatch
 from multidrop.gateway.line import DeviceHealth, GatewayLine, LineHealth
+from multidrop.gateway.parts import modules_of
 from multidrop.gateway.permission import NotAllowed, Rates, allowed, check_value, number
 from multidrop.gateway.polled import role_of
 from multidrop.gateway.settings import Settings
+from multidrop.gateway.telling import Telling
 from multidrop.gateway.values import Values
 from multidrop.io.audit import AuditLog, jsonable
 from multidrop.plant import Plant, PlantDevice
@@ -42,6 +44,9 @@ class Part(Protocol):
     async def run(self) -> None:
         """Until cancelled; it is never started again. What it raises ends the gateway."""
         ...
+
+
+PartT = TypeVar("PartT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +96,15 @@ class Gateway:
     def add(self, part: Part) -> None:
         """A part, before the gateway is started; those that others need come first."""
         self.parts[part.name] = part
+
+    def add_parts(self) -> None:
+        """All that its plant file switches on. Raises `UsageError`, and `PortError` where a disk is full."""
+        for module in modules_of(self.plant, self.settings):
+            self.add(module.part(self))
+
+    def part(self, kind: type[PartT]) -> PartT | None:
+        """The part of this class; None where it is off."""
+        return next((part for part in self.parts.values() if isinstance(part, kind)), None)
 
     # -- its life ----------------------------------------------------------------------------
 
@@ -266,6 +280,10 @@ class Gateway:
 
     def line_health(self) -> list[LineHealth]:
         return [line.health() for line in self.lines.values()]
+
+    def telling(self) -> list[Telling]:
+        """The parts that tell how they are."""
+        return [part for part in self.parts.values() if isinstance(part, Telling)]
 
     def device_health(self, name: str) -> DeviceHealth:
         """Raises `UsageError`."""

@@ -15,7 +15,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.durable import Durable
 from multidrop.gateway.gaps import Gap
 
@@ -50,7 +50,7 @@ class Waiting:
 class Outbox:
     """Keeps up to `most` bytes of records in the file at `path`. Any thread may use it.
 
-    Raises `UsageError` where the file is something else, or cannot be opened.
+    Raises `UsageError` where the file is something else, `PortError` where the disk does not take it.
     """
 
     def __init__(self, path: Path, most: int) -> None:
@@ -62,7 +62,9 @@ class Outbox:
         self._rates: deque[tuple[float, int]] = deque()
         try:
             self._file = _open(path)
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.OperationalError, OSError) as error:
+            raise PortError(f"{path}: no outbox can be kept here: {error}") from None
+        except sqlite3.Error as error:
             raise UsageError(f"{path}: no outbox can be kept here: {error}") from None
         self._durable = Durable(self._file)
         self._size, self._count = self._file.execute(
@@ -95,6 +97,12 @@ class Outbox:
             took = self._rates[-1][0] - self._rates[0][0]
             size = sum(size for _, size in self._rates) - self._rates[0][1]
         return self.most / size * took / 3600 if took and size else None
+
+    @property
+    def left(self) -> float | None:
+        """How much longer it has room, h, at that rate; None before it is known."""
+        hours = self.hours
+        return None if hours is None else hours * max(0.0, 1 - self._size / self.most)
 
     def put(self, records: list[tuple[bytes, int, int, int]]) -> None:
         """Add records: data, time of their first and last sample (µs), how many samples.

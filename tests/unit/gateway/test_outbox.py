@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.outbox import OVERFLOW, Outbox
 
@@ -129,5 +129,5 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     path.write_text("a text that is no database, and long enough to be told from one" * 20)
     with pytest.raises(UsageError, match="no outbox can be kept here"):
         Outbox(path, 100)
-    with pytest.raises(UsageError, match="no outbox can be kept here"):
+    with pytest.raises(PortError, match="no outbox can be kept here"):
         Outbox(tmp_path / "no folder" / "outbox.db", 100)

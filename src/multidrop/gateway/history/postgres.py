@@ -95,7 +95,8 @@ class PostgresStore(Store):
     def state(self) -> StoreState:
         if self._outbox is None:
             return StoreState(self._error)
-        return StoreState(self._error, self._outbox.samples, self._outbox.hours)
+        box = self._outbox
+        return StoreState(self._error, box.samples, box.hours, box.left)
 
     @property
     def delivered(self) -> bool:

@@ -46,11 +46,15 @@ class StoredSpan:
 
 @dataclass(frozen=True, slots=True)
 class StoreState:
-    """How a store is. `hours`: how long its server may be away at the present rate, None without one."""
+    """How a store is. `hours`: how long its server may be away at the present rate, None without one.
+
+    `left`: how much longer it may, with what waits for it already.
+    """
 
     error: str | None = None
     waiting: int = 0
     hours: float | None = None
+    left: float | None = None
 
 
 class Store(ABC):

@@ -139,7 +139,7 @@ class ModbusServer:
             self._plant = self.gateway.plant
             try:
                 self._map = self._keep_map()
-            except UsageError as error:
+            except (UsageError, PortError) as error:
                 self.gateway.say(f"modbus: new points have no registers: {error}")
         return self._map
 

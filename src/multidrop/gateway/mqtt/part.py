@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -29,7 +31,8 @@ from multidrop.gateway.mqtt.broker import (
     wrong_with_broker,
 )
 from multidrop.gateway.mqtt.commands import Command, done, failed, may_answer
-from multidrop.gateway.mqtt.outbox import MqttState, backlog_of, state_of, wrong_with_outbox
+from multidrop.gateway.mqtt.outbox import backlog_of, wrong_with_outbox
+from multidrop.gateway.mqtt.telling import MqttState, away, in_memory, metrics_of
 from multidrop.gateway.mqtt.topics import (
     OFFLINE,
     ONLINE,
@@ -42,6 +45,7 @@ from multidrop.gateway.mqtt.topics import (
     unread_payload,
 )
 from multidrop.gateway.settings import Settings, objections
+from multidrop.gateway.telling import Metric, Trouble
 from multidrop.gateway.values import Key, Update
 from multidrop.plant import Plant
 from multidrop.writing import Written
@@ -98,7 +102,8 @@ class Mqtt:
             checked_topic(settings.discovery, "mqtt.discovery")
         self.connected_at: float | None = None  # monotonic, s
         self._error: str | None = "not connected yet"
-        self._backlog = backlog_of(gateway.settings)
+        self._since = datetime.now(UTC)  # of the error
+        self._backlog = backlog_of(gateway.settings, gateway.news)
         self._broker = Broker(settings, gateway.settings.path)
         self._plant = gateway.plant
         self._keys = {self.topics.state(key): key for key in keys_of(gateway.plant)}
@@ -113,7 +118,24 @@ class Mqtt:
     @property
     def state(self) -> MqttState:
         """How it is with the broker."""
-        return state_of(self._error, self._backlog)
+        backlog = self._backlog
+        if backlog is None:
+            return MqttState(self._error)
+        return MqttState(self._error or backlog.error, backlog.waiting, backlog.hours)
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """Why states are not where they should be, if they are not."""
+        backlog, state = self._backlog, self.state
+        if backlog is not None and backlog.error is not None and backlog.since is not None:
+            return in_memory(replace(state, error=backlog.error), backlog.since)
+        if self._error is None:
+            return None
+        left = None if backlog is None else backlog.left
+        return away(str(self._broker), state, self._since, left)
+
+    def metrics(self) -> Iterable[Metric]:
+        return metrics_of(self.state)
 
     async def run(self) -> None:
         """Until cancelled; what waits in memory then goes to the disk."""
@@ -138,6 +160,8 @@ class Mqtt:
                     self.connected_at, self._error = now(), None
                     await self._serve(client)
             except aiomqtt.MqttError as error:
+                if self._error is None:
+                    self._since = datetime.now(UTC)
                 self._error = reason = str(error)
             if self.connected_at is not None and now() - self.connected_at > STEADY:
                 pause, said = FIRST_PAUSE, ""
@@ -184,7 +208,7 @@ class Mqtt:
     def _take(self, update: Update) -> None:
         """A listener of `Values`: what is new waits, in the place of what waited before or behind it."""
         key = update.key
-        changed, news = self._plant is not self.gateway.plant, self._is_news(key, update)
+        changed, news = self._has_changed(), self._is_news(key, update)
         if self._backlog is not None and news:
             self._published[key] = update
             self._backlog.add(self.topics.state(key), update)
@@ -214,10 +238,7 @@ class Mqtt:
     async def _publish(self, client: aiomqtt.Client) -> None:
         """First what the broker has of another day is replaced, and only then the gateway is online."""
         await self._subscribe(client)
-        if self._backlog is not None:
-            if self._plant is not self.gateway.plant:
-                await self._change(client)
-            await self._send_waiting(client)
+        await self._send_waiting(client)
         for topic, key in self._keys.items():
             if key not in self.gateway.values.latest:
                 await client.publish(topic, unread_payload(self._plant, key), retain=True)
@@ -232,8 +253,6 @@ class Mqtt:
             end_if_cancelled()
             await self._wake.wait()
             self._wake.clear()
-            if self._plant is not self.gateway.plant:
-                await self._change(client)
             await self._send_waiting(client)
             await asyncio.sleep(TOGETHER)
 
@@ -247,19 +266,36 @@ class Mqtt:
                 self._published[key] = update
                 self._backlog.add(topic, update)
 
+    def _has_changed(self) -> bool:
+        """Whether the plant file was read again."""
+        return self._plant is not self.gateway.plant
+
     async def _send_waiting(self, client: aiomqtt.Client) -> None:
-        """Together what waits: one alone costs several times as much of the loop."""
-        if self._backlog is not None:
-            await self._backlog.deliver(client, self.topics, self._keys)
-        while self._waiting:
+        """What waits now; what comes meanwhile gathers for the next time."""
+        while True:
+            if self._has_changed():
+                await self._change(client)
+            if self._backlog is None:
+                await self._send_newest(client)
+            else:
+                await self._backlog.deliver(client, self.topics, self._keys, self._has_changed)
+            if not self._has_changed():
+                return
+
+    async def _send_newest(self, client: aiomqtt.Client) -> None:
+        """Together: one alone costs several times as much of the loop."""
+        while self._waiting and not self._has_changed():
             states: list[tuple[str, str, bool]] = []
-            for key in list(islice(self._waiting, AT_ONCE)):
+            keys = list(islice(self._waiting, AT_ONCE))
+            for key in keys:
                 update = self._waiting.pop(key)
                 topic = self.topics.state(key)
                 if topic in self._keys:
                     self._published[key] = update
                     states.append((topic, state_payload(update), True))
             await publish_together(client, states)
+            if len(keys) < AT_ONCE:
+                return
             await asyncio.sleep(0)  # publishing may not wait, and others want to run
 
     async def _change(self, client: aiomqtt.Client) -> None:

@@ -122,9 +122,8 @@ class Api:
     # -- reading -----------------------------------------------------------------------------
 
     async def health(self, request: Request) -> Response:
-        lines = self.gateway.line_health()
-        lost = [line.name for line in lines if line.lost is not None]
-        return JSONResponse({"status": "degraded" if lost else "ok", "lines_lost": len(lost)})
+        status, body = shapes.health(self.gateway)
+        return JSONResponse(body, status)
 
     async def metrics(self, request: Request) -> Response:
         return PlainTextResponse(metrics.text(self.gateway), media_type=metrics.CONTENT)
