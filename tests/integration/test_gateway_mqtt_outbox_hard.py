@@ -13,6 +13,7 @@ import subprocess
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -163,7 +164,7 @@ def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) ->
             for _ in range(2):
                 before = in_file(tmp_path)
                 with place.gateway() as program:
-                    await asyncio.to_thread(wait_until, lambda: in_file(tmp_path) < before)
+                    await asyncio.to_thread(wait_until, partial(less_in_file, tmp_path, before))
                     program.end()
             assert 0 < in_file(tmp_path) < states
             with place.gateway() as program:
@@ -353,6 +354,10 @@ def test_a_disk_that_is_full_for_a_while(
 
 def health(client: HttpClient) -> str:
     return str(client.get("/health").json["parts"]["mqtt"])
+
+
+def less_in_file(folder: Path, before: int) -> bool:
+    return in_file(folder) < before
 
 
 def in_file(folder: Path) -> int:
