@@ -14,7 +14,6 @@ from datetime import UTC, datetime
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.mqtt.broker import (
     AT_ONCE,
@@ -22,7 +21,6 @@ from multidrop.gateway.mqtt.broker import (
     KEPT,
     Broker,
     aiomqtt,
-    answer_properties,
     command_of,
     end_all,
     end_if_cancelled,
@@ -30,7 +28,7 @@ from multidrop.gateway.mqtt.broker import (
     subscribe,
     wrong_with_broker,
 )
-from multidrop.gateway.mqtt.commands import Command, done, failed, may_answer
+from multidrop.gateway.mqtt.carrying_out import Commands
 from multidrop.gateway.mqtt.outbox import backlog_of, wrong_with_outbox
 from multidrop.gateway.mqtt.telling import MqttState, away, in_memory, metrics_of
 from multidrop.gateway.mqtt.topics import (
@@ -48,7 +46,6 @@ from multidrop.gateway.settings import Settings, objections
 from multidrop.gateway.telling import Metric, Trouble
 from multidrop.gateway.values import Key, Update
 from multidrop.plant import Plant
-from multidrop.writing import Written
 
 if TYPE_CHECKING:
     from multidrop.gateway.settings import MqttSettings
@@ -62,13 +59,8 @@ STEADY = 5.0
 FAREWELL = 1.0
 """s in which the broker is told that the gateway stops."""
 
-MOST_AT_ONCE = 32
-"""Commands that are under way; what comes beyond is refused."""
-
 TOGETHER = 0.01
 """s in which states gather behind some that were sent; the first after a quiet while waits for none."""
-
-WHO = "mqtt client"
 
 
 def part(gateway: Gateway) -> Mqtt:
@@ -112,8 +104,7 @@ class Mqtt:
         self._published: dict[Key, Update] = {}
         self._waiting: dict[Key, Update] = {}
         self._wake = asyncio.Event()
-        self._commands: set[asyncio.Task[None]] = set()
-        self._turns: dict[str, asyncio.Lock] = {}
+        self._commands = Commands(gateway, settings, self.topics, f"mqtt {self._broker}")
 
     @property
     def state(self) -> MqttState:
@@ -193,8 +184,7 @@ class Mqtt:
             for task in ended:
                 task.result()
         except asyncio.CancelledError:
-            if self._commands:
-                await asyncio.wait(self._commands, timeout=FAREWELL)
+            await self._commands.end(FAREWELL)
             with contextlib.suppress(aiomqtt.MqttError):
                 await client.publish(
                     self.topics.status, OFFLINE, qos=1, retain=True, timeout=FAREWELL
@@ -342,7 +332,8 @@ class Mqtt:
         async for message in client.messages:
             topic = str(message.topic)
             if self.settings.commands and self.topics.is_command(topic):
-                self._begin(client, command_of(topic, message))
+                key = self._keys.get(topic.removesuffix("/set"))
+                self._commands.begin(client, command_of(topic, message), key)
             elif message.retain and message.payload and self._is_orphan(topic):
                 await client.publish(topic, b"", qos=1, retain=True)
                 end_if_cancelled()
@@ -350,55 +341,3 @@ class Mqtt:
     def _is_orphan(self, topic: str) -> bool:
         """Whether what the broker has kept there is of a point that was."""
         return topic not in self._keys and topic not in self._discovery
-
-    def _begin(self, client: aiomqtt.Client, command: Command) -> None:
-        task = asyncio.create_task(self._answer(client, command))
-        self._commands.add(task)
-        task.add_done_callback(self._commands.discard)
-
-    async def _answer(self, client: aiomqtt.Client, command: Command) -> None:
-        """Carry out a command, and say what came of it where that is wanted."""
-        key = self._keys.get(command.topic.removesuffix("/set"))
-        try:
-            answer = done(key, await self._obey(command, key))
-        except Error as error:
-            answer = failed(key, command.text, error)
-        if command.response is None or not self._may_answer(command.response):
-            return
-        properties = answer_properties(command.correlation)
-        with contextlib.suppress(aiomqtt.MqttError):  # then the log has what came of it
-            await client.publish(command.response, answer, qos=1, properties=properties)
-
-    async def _obey(self, command: Command, key: Key | None) -> Written:
-        """Commands to a device come one after the other. Raises what `Gateway.write` raises."""
-        now = asyncio.get_running_loop().time
-        until = now() + (command.expiry or 0)
-        device, point = key or (command.topic, "")
-        told = {"who": WHO, "origin": f"mqtt {self._broker}"}
-        async with (
-            self._turns.setdefault(device, asyncio.Lock()) if key else contextlib.nullcontext()
-        ):
-            try:
-                why = self._refusal(command, key)
-                if why is None and now() > until:
-                    why = "it expired while others before it were carried out"
-                if why is not None:
-                    raise UsageError(why)
-                value = command.number()
-            except UsageError as error:
-                self.gateway.refuse(device, point, command.text, str(error), **told)
-                raise
-            return await self.gateway.write(device, point, value, **told)
-
-    def _refusal(self, command: Command, key: Key | None) -> str | None:
-        """Why a command is not carried out, whatever it says."""
-        if key is None:
-            return f"{command.topic} is the topic of no point"
-        if command.response is not None and not self._may_answer(command.response):
-            return f"{command.response!r} is no topic for an answer"
-        if len(self._commands) > MOST_AT_ONCE:
-            return f"{MOST_AT_ONCE} commands are under way already"
-        return command.refusal()
-
-    def _may_answer(self, response: str) -> bool:
-        return may_answer(response, self.topics.base, self.settings.discovery)
