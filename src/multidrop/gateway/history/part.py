@@ -155,8 +155,10 @@ class History:
     @property
     def trouble(self) -> Trouble | None:
         """Why samples are not where they should be, if they are not."""
-        since = self._troubled or datetime.now(UTC)
-        return trouble_of(self.state, since, self.store.state.left, waits=self._error is None)
+        if self._troubled is None:
+            return None
+        left, waits = self.store.state.left, self._error is None
+        return trouble_of(self.state, self._troubled, left, waits=waits)
 
     def metrics(self) -> Iterable[Metric]:
         return metrics_of(self.state)
