@@ -89,6 +89,7 @@ class Gateway:
         self._rates = Rates()
         self._writing: set[asyncio.Task[Any]] = set()
         self._stopping = False
+        self._changing = False  # lines are of one plant already, and limits still of the other
         self._reloading = asyncio.Lock()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -166,32 +167,41 @@ class Gateway:
         """
         async with self._reloading:
             await asyncio.to_thread(demand_right, plant)  # a second for thousands of points
-            stopped = [name for name in self.lines if name not in plant.lines]
-            changed, kept, started = [], [], []
-            for name in plant.lines:
-                devices = plant.on(name)
-                line = self.lines.get(name)
-                if line is None:
-                    started.append(name)
-                elif line.devices == tuple(devices):
-                    kept.append(name)
-                elif line.fits(devices):
-                    changed.append(name)
-                else:
-                    stopped.append(name)
-                    started.append(name)
-            await self._stop([f"line {name}" for name in stopped])
-            for name in stopped:
-                del self.lines[name]
-            for name in changed:
-                await self.lines[name].change(plant.on(name))
-            for name in started:
-                self._start_line(name, plant)
-            self.plant = plant
-            self.values.keep_only(key for line in self.lines.values() for key in line.keys)
-            self.faults.keep_only(plant.devices)
-        gone = [name for name in stopped if name not in started]
-        return Reloaded(tuple(started), tuple(changed), tuple(gone), tuple(kept))
+            found = self._compared(plant)
+            self._changing = True
+            try:
+                await self._change(plant, found)
+            finally:
+                self._changing = False
+        return found
+
+    def _compared(self, plant: Plant) -> Reloaded:
+        """What becomes of each line; one that is opened anew counts as started."""
+        started, changed, kept = [], [], []
+        for name in plant.lines:
+            devices, line = plant.on(name), self.lines.get(name)
+            if line is not None and line.devices == tuple(devices):
+                kept.append(name)
+            elif line is not None and line.fits(devices):
+                changed.append(name)
+            else:
+                started.append(name)
+        stopped = (name for name in self.lines if name not in plant.lines)
+        return Reloaded(tuple(started), tuple(changed), tuple(stopped), tuple(kept))
+
+    async def _change(self, plant: Plant, found: Reloaded) -> None:
+        ended = [name for name in (*found.stopped, *found.started) if name in self.lines]
+        await self._stop([f"line {name}" for name in ended])
+        for name in ended:
+            del self.lines[name]
+        for name in found.changed:
+            await self.lines[name].change(plant.on(name))
+        for name in found.started:
+            self._start_line(name, plant)
+        self.plant = plant
+        points = [line.points for line in self.lines.values()]
+        self.values.keep_only({key: point for each in points for key, point in each.items()})
+        self.faults.keep_only(plant.devices)
 
     # -- asking ------------------------------------------------------------------------------
 
@@ -270,6 +280,8 @@ class Gateway:
         """Raises `UsageError` where a write must not be."""
         if self._stopping:
             raise NotAllowed("the gateway is stopping")
+        if self._changing:
+            raise PortError("nothing is written while the plant file is being read again")
         found = self.device(device)
         limits = allowed(found, point, lambda: role_of(found, point))
         prepared = self.line_of(device).service.device(device).device.prepare_write(point, value)

@@ -214,6 +214,8 @@ class Mqtt:
         before, polled = self._published.get(key), update.polled
         if before is None or before.polled.quality is not polled.quality:
             return True
+        if before.polled.point is not polled.point and before.polled.point != polled.point:
+            return True  # after a reload it is another: the same number means something else
         if update.monotonic - before.monotonic >= self.settings.longest:
             return True
         one, other = before.polled.value, polled.value
