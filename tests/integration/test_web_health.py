@@ -32,7 +32,7 @@ def test_what_waits_is_degraded_and_a_line_that_is_lost_too(tmp_path: Path) -> N
             assert (health.status, health.json["status"]) == (200, "degraded")
             troubles = client.get("/api/status").json["troubles"]
             assert [one["part"] for one in troubles] == ["history", "mqtt"]
-            assert "does not answer: " in troubles[0]["text"]
+            assert "does not take the history: " in troubles[0]["text"]
             assert "samples wait on the disk." in troubles[0]["text"]
             assert "Only the newest state of each point waits for it." in troubles[1]["text"]
             assert not any(one["losing"] for one in troubles)

@@ -21,7 +21,9 @@ def test_history_that_is_written_is_no_trouble() -> None:
 
 def test_a_database_that_is_away_is_serious_once_the_outbox_is_full() -> None:
     state = HistoryState("connection refused", 8120, 0, 40.0)
-    waits = "The database of the history does not answer: connection refused. 8,120 samples wait on the disk"
+    waits = (
+        "The database does not take the history: connection refused. 8,120 samples wait on the disk"
+    )
     assert history.trouble_of(state, SINCE, 36.5, waits=True) == Trouble(
         f"{waits}.", SINCE, losing=False, hours=36.5
     )

@@ -157,8 +157,8 @@ class History:
         """Why samples are not where they should be, if they are not."""
         if self._troubled is None:
             return None
-        left, waits = self.store.state.left, self._error is None
-        return trouble_of(self.state, self._troubled, left, waits=waits)
+        waits = self._error is None
+        return trouble_of(self.state, self._troubled, self.store.left, waits=waits)
 
     def metrics(self) -> Iterable[Metric]:
         return metrics_of(self.state)

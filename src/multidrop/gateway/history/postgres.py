@@ -95,8 +95,7 @@ class PostgresStore(Store):
     def state(self) -> StoreState:
         if self._outbox is None:
             return StoreState(self._error)
-        box = self._outbox
-        return StoreState(self._error, box.samples, box.hours, box.left)
+        return StoreState(self._error, self._outbox.samples, self._outbox.hours)
 
     @property
     def delivered(self) -> bool:
@@ -175,6 +174,10 @@ class PostgresStore(Store):
             connection.close()
             raise
         return connection
+
+    @property
+    def left(self) -> float | None:
+        return None if self._outbox is None else self._outbox.left
 
     # -- asking --------------------------------------------------------------------------------
 

@@ -46,15 +46,11 @@ class StoredSpan:
 
 @dataclass(frozen=True, slots=True)
 class StoreState:
-    """How a store is. `hours`: how long its server may be away at the present rate, None without one.
-
-    `left`: how much longer it may, with what waits for it already.
-    """
+    """How a store is. `hours`: how long its server may be away at the present rate, None without one."""
 
     error: str | None = None
     waiting: int = 0
     hours: float | None = None
-    left: float | None = None
 
 
 class Store(ABC):
@@ -64,6 +60,11 @@ class Store(ABC):
     """
 
     failures: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
+
+    @property
+    def left(self) -> float | None:
+        """How much longer the server may be away, h, with what waits for it already; None without one."""
+        return None
 
     @abstractmethod
     def write(self, batches: Sequence[Batch], forget: int | None = None) -> None:

@@ -53,7 +53,7 @@ def trouble_of(
     if waits:
         room = "; there is no room for more, so the oldest go" if full(left) else ""
         text = (
-            f"The database of the history does not answer: {state.error}. "
+            f"The database does not take the history: {state.error}. "
             f"{state.waiting:,} samples wait on the disk{room}."
         )
         return Trouble(text, since, losing=full(left), hours=left)
