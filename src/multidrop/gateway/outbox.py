@@ -60,6 +60,9 @@ class Outbox:
         self._delivered = 0
         self._taken = 0
         self._rates: deque[tuple[float, int]] = deque()
+        self._asking = (
+            threading.Lock()
+        )  # the rates have their own: the other one waits for the disk
         try:
             self._file = _open(path)
         except (sqlite3.OperationalError, OSError) as error:
@@ -91,7 +94,7 @@ class Outbox:
     @property
     def hours(self) -> float | None:
         """How long a server may be away at the rate of the last ten minutes; None before it is known."""
-        with self._lock:
+        with self._asking:
             if len(self._rates) < 2:
                 return None
             took = self._rates[-1][0] - self._rates[0][0]
@@ -181,8 +184,7 @@ class Outbox:
 
     def note(self, size: int) -> None:
         """So many bytes would have come, were the server away: for the present rate."""
-        with self._lock:
-            self._note_rate(size)
+        self._note_rate(size)
 
     def close(self) -> None:
         with self._lock:
@@ -218,9 +220,10 @@ class Outbox:
 
     def _note_rate(self, size: int) -> None:
         now = time.monotonic()
-        self._rates.append((now, size))
-        while now - self._rates[0][0] > RATE_OVER:
-            self._rates.popleft()
+        with self._asking:
+            self._rates.append((now, size))
+            while now - self._rates[0][0] > RATE_OVER:
+                self._rates.popleft()
 
 
 def _open(path: Path) -> sqlite3.Connection:
