@@ -51,6 +51,26 @@ def test_what_was_delivered_does_not_come_again(outbox: Outbox) -> None:
     assert (outbox.size, outbox.samples) == (10, 10)
 
 
+def test_what_comes_after_what_was_taken_is_taken_with_it(outbox: Outbox) -> None:
+    outbox.put([record(number) for number in range(9)])
+    first, second = outbox.take(2)
+    (third,) = outbox.take(1, second.number)
+    assert [first.data[0], second.data[0], third.data[0]] == [0, 1, 2]
+    outbox.put([record(9), record(10), record(11)])  # there is room for ten: the fourth goes
+    assert outbox.take(1, third.number)[0].data[0] == 5
+    assert outbox.take(9, 99) == []
+    outbox.done(third.number)
+    assert numbers(outbox)[0] == 5
+
+
+def test_what_was_taken_stays_where_nothing_is_behind_it(outbox: Outbox) -> None:
+    outbox.put([record(number) for number in range(10)])
+    taken = outbox.take(10)
+    assert outbox.take(10, taken[-1].number) == []
+    outbox.put([record(10)])
+    assert numbers(outbox) == list(range(11))
+
+
 def test_records_wait_in_the_file(outbox: Outbox) -> None:
     outbox.put([record(1), record(2)])
     outbox.done(outbox.take()[0].number)
