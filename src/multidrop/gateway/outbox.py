@@ -60,9 +60,7 @@ class Outbox:
         self._delivered = 0
         self._taken = 0
         self._rates: deque[tuple[float, int]] = deque()
-        self._asking = (
-            threading.Lock()
-        )  # the rates have their own: the other one waits for the disk
+        self._asking = threading.Lock()  # of the rates: the other one waits for the disk
         try:
             self._file = _open(path)
         except (sqlite3.OperationalError, OSError) as error:
