@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.outbox import OVERFLOW, Outbox
 
@@ -149,5 +150,20 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
     path.write_text("a text that is no database, and long enough to be told from one" * 20)
     with pytest.raises(UsageError, match="no outbox can be kept here"):
         Outbox(path, 100)
-    with pytest.raises(UsageError, match="no outbox can be kept here"):
+    with pytest.raises(PortError, match="no outbox can be kept here"):
         Outbox(tmp_path / "no folder" / "outbox.db", 100)
+
+
+def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
+    """A loop asks, which must not wait for a disk."""
+
+    def ask() -> None:
+        outbox.note(1)
+        assert outbox.hours is None or outbox.left is not None
+
+    outbox.put([record(1)])
+    with outbox._lock:
+        asked = threading.Thread(target=ask, daemon=True)
+        asked.start()
+        asked.join(5)
+        assert not asked.is_alive()

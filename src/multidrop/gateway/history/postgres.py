@@ -121,6 +121,10 @@ class PostgresStore(Store):
             raise
         return connection
 
+    @property
+    def left(self) -> float | None:
+        return None if self._outbox is None else self._outbox.left
+
     # -- asking --------------------------------------------------------------------------------
 
     def _rows(self, query: str, *values: object) -> list[tuple[Any, ...]]:

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.durable import Durable
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.blocks import Chunk, decode, encode
@@ -63,7 +63,7 @@ class SqliteStore(Store):
     """History in the file at `path`, which is made where it is missing.
 
     `only_read`: for another process than the one that writes. Raises `UsageError` where the
-    file is something else, or cannot be opened.
+    file is something else, and `PortError` where it cannot be opened: the disk is full, say.
     """
 
     def __init__(self, path: Path, *, only_read: bool = False) -> None:
@@ -73,7 +73,9 @@ class SqliteStore(Store):
         try:
             self._reader = self._open(path, only_read)
             self._writer = self._reader if only_read else self._open(path, only_read)
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.OperationalError, OSError) as error:
+            raise PortError(f"{path}: no history can be kept here: {error}") from None
+        except sqlite3.Error as error:
             raise UsageError(f"{path}: no history can be kept here: {error}") from None
         self._durable = Durable(self._writer)
         self._series: dict[tuple[str, str], int] = {}

@@ -71,6 +71,11 @@ class Store(ABC):
 
     failures: tuple[type[Exception], ...] = (sqlite3.Error, OSError)
 
+    @property
+    def left(self) -> float | None:
+        """How much longer the server may be away, h, with what waits for it already; None without one."""
+        return None
+
     @abstractmethod
     def write(self, batches: Sequence[Batch], forget: int | None = None) -> None:
         """Take batches: all of them or none. Then forget some of what is older than `forget`.
