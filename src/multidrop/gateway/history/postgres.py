@@ -51,7 +51,7 @@ def demand_dsn(dsn: str) -> None:
 class PostgresStore(Store):
     """History in the schema `multidrop`, or another, of the database that `dsn` names.
 
-    `outbox` None: it only reads. `every` is the s between two transactions, each of which
+    `outbox` None: it only reads. `every` is the s from one commit to the next, each of which
     makes the server wait for its disk. Raises `UsageError` for a `dsn` that is none.
     """
 
@@ -67,7 +67,6 @@ class PostgresStore(Store):
         self._dsn = dsn
         self._schema = schema
         self._outbox = outbox
-        self._every = every
         self._reader: Connection | None = None
         self._sender = None if outbox is None else Sender(self._connect, outbox, every)
 

@@ -124,7 +124,7 @@ class Sender:
     def _unpacked(self, waiting: Waiting) -> Batch:
         try:
             return unpack(waiting.data, waiting.lost)
-        except (zlib.error, ValueError, KeyError, TypeError):
+        except (zlib.error, ValueError, LookupError, TypeError):
             raise UsageError(
                 f"history.outbox {self._outbox.path}: what waits in it is damaged, or MQTT's: move it away"
             ) from None

@@ -1,6 +1,6 @@
 """What any store of history can be asked. SQLite and PostgreSQL differ in how they fetch, not in what comes.
 
-All of it blocks; `history.py` calls it from threads.
+All of it blocks; `part.py` calls it from threads.
 """
 
 from __future__ import annotations
