@@ -31,7 +31,7 @@ test: check .venv/dev
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest $(call shared_by,4) $(WORLD)
+	$(BIN)/python -bb -m pytest $(call shared_by,5) $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check
