@@ -59,7 +59,7 @@ chromium:
 
 # Properties with 100,000 generated cases each, and 10,000 transactions on every kind of faulty wire: hours.
 soak: .venv/dev
-	HYPOTHESIS_PROFILE=soak MULTIDROP_SOAK=1 nice $(BIN)/python -bb -m pytest -n 2 tests/properties tests/soak tests/unit
+	HYPOTHESIS_PROFILE=soak MULTIDROP_SOAK=1 nice $(BIN)/python -bb -m pytest $(call shared_by,2) tests/properties tests/soak tests/unit
 
 bench: .venv/bench
 	$(BIN)/python bench/run.py
