@@ -66,6 +66,7 @@ class PointDescription:
     bits: list[str] = field(
         default_factory=list, hash=False
     )  # names from bit 0 on; "" where a bit has none
+    hexadecimal: bool = False  # a code or a word of bits that manuals print in hex
     fault: int | None = None  # the bits of the raw value of which any says a fault
     functions: str = ""  # what may be asked of it, one character each, as the protocol numbers them
     refusals: list[int] = field(
@@ -119,16 +120,22 @@ class PointDescription:
                 return int(raw)
         return None
 
+    @property
+    def has_meanings(self) -> bool:
+        """Whether its raw values mean something besides themselves; those of most points do not."""
+        return bool(self.names or self.bits or self.hexadecimal)
+
     def meaning_of(self, raw: Value) -> str | None:
-        """The name of a raw value, or of the bits that are set in it; None where it has none."""
-        if not self.names and not self.bits:  # as most points
+        """The names of the bits that are set in a raw value, or its own, or it in hex; None if it has none."""
+        if not self.has_meanings:
             return None
         if isinstance(raw, str | bytes | float):
             return None
         if self.bits:
             on = [name for bit, name in enumerate(self.bits) if name and raw >> bit & 1]
             return ", ".join(on) or "none"
-        return self.names.get(str(int(raw)))
+        name = self.names.get(str(int(raw)))
+        return f"{int(raw):04X}h" if name is None and self.hexadecimal else name
 
 
 def _plain(name: str) -> str:

@@ -96,11 +96,12 @@ class Client:
         return self.ask("POST", "/api/write", body, **headers)
 
     @contextlib.contextmanager
-    def stream(self, path: str) -> Iterator[Iterator[tuple[str, Any]]]:
+    def stream(self, path: str, token: str | None = None) -> Iterator[Iterator[tuple[str, Any]]]:
         """The events of a stream: name, data."""
         connection = http.client.HTTPConnection(self.host, self.port, timeout=PATIENCE)
         with contextlib.closing(connection):
-            connection.request("GET", path)
+            known = {} if token is None else {"authorization": f"Bearer {token}"}
+            connection.request("GET", path, headers=known)
             found = connection.getresponse()
             assert found.status == 200, found.read()
             assert found.getheader("content-type", "").startswith("text/event-stream")

@@ -177,6 +177,13 @@ def test_names_of_bits() -> None:
     assert flags.meaning_of("5") is None
 
 
+def test_codes_that_manuals_print_in_hex() -> None:
+    code = point(hexadecimal=True)
+    assert code.meaning_of(0x2310) == "2310h"
+    assert code.meaning_of(0) == "0000h"
+    assert code.meaning_of("2310") is None
+
+
 def test_the_nearest_word() -> None:
     assert nearest("sped", ["speed", "torque"]) == " - did you mean 'speed'?"
     assert nearest("xyz", ["speed"]) == ""

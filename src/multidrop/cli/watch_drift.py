@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json as json_module
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.failures import failure, report_failure
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.passports import shown
+from multidrop.cli.words import json_line, label
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import passports_folder
 from multidrop.io.audit import jsonable
@@ -34,13 +34,13 @@ from multidrop.plantfile import Plant
     metavar="FOLDER",
     help="where passports are; else what [passports] says, else passports beside the plant file",
 )
-@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=Seconds(), metavar="S", help="repeat until Ctrl-C")
 @click.option(
     "--save",
     is_flag=True,
     help="a new passport of what differs, or has none; it counts from then on",
 )
-@click.option("--json", is_flag=True, help="JSON Lines on standard output")
+@flags.as_json
 def watch_drift(
     plant: str, passports: str | None, every: float | None, save: bool, json: bool
 ) -> int:
@@ -99,7 +99,7 @@ def _lines(drift: Drift, as_json: bool) -> list[str]:
     if as_json:
         lines = [_as_line(drift, item) for item in drift.differences]
         if drift.error is not None:
-            lines.append(_json({"v": 1, "device": drift.name, "error": failure(drift.error)}))
+            lines.append(json_line({"device": drift.name, "error": failure(drift.error)}))
         return lines
     return [_as_text(drift, item) for item in drift.differences]
 
@@ -108,9 +108,8 @@ def _as_line(drift: Drift, item: Difference) -> str:
     assert drift.kept is not None
     assert isinstance(item.before, Entry)
     assert isinstance(item.after, Entry)
-    return _json(
+    return json_line(
         {
-            "v": 1,
             "device": drift.name,
             "point": item.point,
             "name": item.name,
@@ -123,14 +122,8 @@ def _as_line(drift: Drift, item: Difference) -> str:
     )
 
 
-def _json(line: dict[str, Any]) -> str:
-    return json_module.dumps(line, ensure_ascii=False)
-
-
 def _as_text(drift: Drift, item: Difference) -> str:
     assert drift.kept is not None
-    label = f"{item.name} ({item.point})" if item.name else item.point
-    since = f"{drift.kept.passport.time:%Y-%m-%d %H:%M}"
-    return (
-        f"{drift.name}: {label}   {shown(item.before)} -> {shown(item.after)}   since {since} UTC"
-    )
+    where = label(item.name, item.point)
+    since = f"{drift.kept.passport.time:%Y-%m-%d %H:%M} UTC"
+    return f"{drift.name}: {where}   {shown(item.before)} -> {shown(item.after)}   since {since}"

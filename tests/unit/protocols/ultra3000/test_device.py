@@ -19,6 +19,7 @@ from multidrop.errors import (
 from multidrop.points import Value
 from multidrop.profile import Profile
 from multidrop.protocols.ultra3000.device import Ultra3000Device, device
+from multidrop.protocols.ultra3000.services import act
 from multidrop.writing import Outcome, Written
 from unit.protocols.ultra3000.wire import Wire
 
@@ -318,10 +319,7 @@ def test_actions_by_name() -> None:
 
 
 def test_an_action_that_is_answered_wrongly_is_unknown() -> None:
-    class Odd(Ultra3000Device):
-        pass
-
-    odd = Odd(0, PROFILE)
+    odd = Ultra3000Device(0, PROFILE)
 
     def breaks(parameter: int) -> Any:
         raise ProtocolError("it breaks")
@@ -329,7 +327,7 @@ def test_an_action_that_is_answered_wrongly_is_unknown() -> None:
 
     odd.master.act = breaks  # type: ignore[method-assign]
     with pytest.raises(OutcomeUnknown, match="home was sent and was not answered"):
-        Wire().run(odd.act(0x071, "home"))
+        Wire().run(act(odd.master, 0x071, "home"))
 
 
 # -- options -----------------------------------------------------------------------------------
