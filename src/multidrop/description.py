@@ -101,11 +101,15 @@ class PointDescription:
         if below or above:
             limits = f"{_limit(self.minimum)}..{_limit(self.maximum)}"
             unit = f" {self.unit}" if self.unit else ""
-            raise UsageError(f"{value}{unit} is out of range for {self.name}: {limits}{unit}")
+            raise UsageError(
+                f"{shown_value(value)}{unit} is out of range for {self.name}: {limits}{unit}"
+            )
         if self.step is not None and value % self.step:
-            raise UsageError(f"{value} is no value for {self.name}: multiples of {self.step:g}")
+            raise UsageError(
+                f"{shown_value(value)} is no value for {self.name}: multiples of {self.step:g}"
+            )
         if value in self.excluded:
-            raise UsageError(f"{value} is no value for {self.name}")
+            raise UsageError(f"{shown_value(value)} is no value for {self.name}")
 
     def says_fault(self, raw: Value) -> bool | None:
         """Whether a raw value says a fault; None where the point says nothing of faults."""

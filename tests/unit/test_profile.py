@@ -148,6 +148,7 @@ def test_values_that_the_profile_allows(given: dict[str, Any], value: Any) -> No
     ("given", "value", "message"),
     [
         ({"minimum": 0, "unit": "rpm"}, -1, "-1 rpm is out of range for speed: 0.. rpm"),
+        ({"maximum": 5}, 99999.0, "99999 is out of range for speed: ..5"),
         ({"maximum": 5}, 5.5, "5.5 is out of range for speed: ..5"),
         ({"minimum": 0, "maximum": 5}, 6, "6 is out of range for speed: 0..5"),
         ({"step": 0.5}, 1.25, "1.25 is no value for speed: multiples of 0.5"),

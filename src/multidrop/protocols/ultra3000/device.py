@@ -15,7 +15,7 @@ from multidrop.errors import (
 )
 from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role, Sample, Value, shown_value
-from multidrop.profile import Profile
+from multidrop.profile import Profile, nearest
 from multidrop.protocols.ultra3000 import memory, services
 from multidrop.protocols.ultra3000.frame import Frame
 from multidrop.protocols.ultra3000.master import Master
@@ -227,9 +227,14 @@ class Ultra3000Device(OneByOne):
 
     def prepare_action(self, name: str) -> Callable[[], Conversation[Frame, Report]]:
         """One of `actions`, by name. Raises `UsageError` with the nearest."""
+        known = self.actions
+        if name not in known and name not in self.profile.points and not name.startswith("0x"):
+            raise UsageError(
+                f"there is no action {name!r}{nearest(name, known)}; actions are {', '.join(known)}"
+            )
         point = self.point(name)
         if point.kind is not ACTION:
-            raise UsageError(f"{point} is no action; actions are {', '.join(self.actions)}")
+            raise UsageError(f"{point} is no action; actions are {', '.join(known)}")
 
         def converse() -> Conversation[Frame, Report]:
             yield from services.act(self.master, point.parameter, str(point))

@@ -152,7 +152,7 @@ def test_what_is_sent(point: str, value: Value, body: str) -> None:
 @pytest.mark.parametrize(
     ("point", "value", "message"),
     [
-        ("kp", "32", r"32.0 is out of range for kp: 0..31.9922"),
+        ("kp", "32", r"32 is out of range for kp: 0..31.9922"),
         ("override_mode", 10, "10 is out of range for override_mode: 0..9"),
         ("override_mode", "fast", "'fast' is not a whole number"),
         ("motor_poles", 3, "multiples of 2"),
@@ -314,7 +314,7 @@ def test_actions_by_name() -> None:
     assert wire.sent == ["0CD1"]
     with pytest.raises(UsageError, match=r"kp .* is no action; actions are factory_reset, "):
         DRIVE.prepare_action("kp")
-    with pytest.raises(UsageError, match="did you mean 'start_homing'"):
+    with pytest.raises(UsageError, match="no action 'start_homin' - did you mean 'start_homing'"):
         DRIVE.prepare_action("start_homin")
 
 
