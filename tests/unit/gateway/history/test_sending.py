@@ -122,16 +122,16 @@ def test_what_comes_after_a_rest_does_not_wait(tmp_path: Path, schema: str) -> N
 def test_a_store_closes_in_time_however_much_waits(
     tmp_path: Path, schema: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(f"{SENDING}.LAST_WITHIN", 0.2)
+    monkeypatch.setattr(f"{SENDING}.LAST_WITHIN", 0.05)
     store = opened(tmp_path, schema, 0.01)
-    store.write(many(2000, 100))
+    store.write(many(500, 100))
     began = time.monotonic()
     store.close()
     assert time.monotonic() - began < 5.0
     again = opened(tmp_path, schema, 0.01)
     assert again.state.waiting > 0
     until(lambda: again.delivered)
-    assert values(again) == list(range(200_000))
+    assert values(again) == list(range(50_000))
     again.close()
 
 
