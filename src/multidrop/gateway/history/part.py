@@ -93,6 +93,11 @@ class History:
         else:
             self.append(reporting.report(sample_of(update)))
 
+    def forget(self, update: Update) -> None:
+        """A listener: its point is no longer polled, and from here on nobody knows its value."""
+        self.take(update)
+        del self._reporting[update.key]
+
     def append(self, samples: Iterable[Sample]) -> None:
         """Record these as they are, in the order in which they happened."""
         samples = tuple(samples)
@@ -286,6 +291,7 @@ def part(gateway: Gateway) -> History:
     store = open_store(table, settings.path)
     history = History(store, rules.of, keep=table.keep * DAY, news=gateway.news)
     gateway.values.listeners.append(history.take)
+    gateway.values.forgetting.append(history.forget)
     return history
 
 

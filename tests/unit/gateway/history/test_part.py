@@ -107,6 +107,28 @@ def test_what_is_worth_it_is_written_and_can_be_asked(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+def test_a_point_that_is_polled_no_more_has_no_value_from_then_on(tmp_path: Path) -> None:
+    """And is recorded at once when it is polled again, though its value is the same."""
+
+    async def main() -> None:
+        history = History(SqliteStore(tmp_path / "h.db"), every=SOON)
+        running = asyncio.create_task(history.run())
+        history.take(update(value=1, at=0.0))
+        history.forget(update(quality=Quality.STALE, at=2.0))
+        history.take(update(value=1, at=5.0))
+        await until(lambda: history.state.waiting == 0)
+        start = microseconds(NOON)
+        found = await history.range("infeed", "p", start, start + 60 * SECOND)
+        assert [((one.time - start) // SECOND, one.value) for one in found] == [
+            (0, 1),
+            (2, None),
+            (5, 1),
+        ]
+        await stop(running)
+
+    asyncio.run(main())
+
+
 def test_what_came_last_is_written_when_the_gateway_stops(tmp_path: Path) -> None:
     async def main() -> None:
         history = History(SqliteStore(tmp_path / "h.db"), every=1000.0)
