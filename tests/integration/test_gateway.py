@@ -18,7 +18,6 @@ from multidrop.io.audit import AuditLog
 from multidrop.io.poller import Quality
 from multidrop.writing import Outcome
 
-
 HISTORY = '[history]\npath = "history.db"\n'
 
 
