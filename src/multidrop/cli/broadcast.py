@@ -79,7 +79,7 @@ def _broadcast(wire: Line, conversation: Conversation[Any, list[Received]]) -> l
 
 def _addresses(text: str) -> list[int]:
     try:
-        return [whole_number(word) for word in text.split(",")]
+        return list(dict.fromkeys(whole_number(word) for word in text.split(",")))
     except ValueError:
         raise UsageError(f"--verify {text!r} is not a list of addresses, as in 0,1,2") from None
 

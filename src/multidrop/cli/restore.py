@@ -87,7 +87,8 @@ def restore(
         tell(f"{undo_path} undoes it", err=True)
         verdicts = carry_out(connection, planned, stop=stop, keep=nv)
         status = _report(common, connection.name, planned, verdicts)
-    if isinstance(worked_out, KeepsMemory) and not nv:
+    working = any(step.point == step.wanted.point for step in planned.writes)
+    if isinstance(worked_out, KeepsMemory) and working and not nv:
         tell(f"only the working values: multidrop save {device} POINT... keeps them", err=True)
     return status
 
@@ -127,7 +128,7 @@ def _report(common: Common, device: str, planned: Plan, verdicts: Iterable[Resto
             else:
                 _show(done)
                 if done.error is not None and done.error is not said:  # one for all that are left
-                    report_failure(done.error, done.step.wanted.point)
+                    report_failure(done.error, done.step.point)
                 said = done.error or said
     except KeyboardInterrupt:
         tried = count.total() - count[Verdict.SAME] - count[Verdict.SKIPPED]
@@ -165,12 +166,12 @@ def _show(done: Restored) -> None:
 
 
 def _label(step: Step) -> str:
-    return label(step.wanted.name, step.wanted.point)
+    return label(step.wanted.name, step.point)
 
 
 def _facts(step: Step) -> dict[str, object]:
     return {
-        "point": step.wanted.point,
+        "point": step.point,
         "name": step.wanted.name,
         "old": jsonable(step.now.value) if step.now else None,
         "asked": jsonable(step.wanted.value),
