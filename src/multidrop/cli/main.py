@@ -15,7 +15,6 @@ from multidrop.cli import streams
 from multidrop.cli.failures import INTERRUPTED, report_failure
 from multidrop.cli.words import tell
 from multidrop.errors import Error
-from multidrop.io.audit import FULL
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
     "demo": ("demo", "A simulated plant and its page: start here."),
@@ -159,6 +158,8 @@ def _show(error: click.ClickException) -> None:
 
 def _of_system(error: OSError) -> str:
     """What the system said: of a file, of the disk under standard output, or of something else."""
+    from multidrop.io.audit import FULL
+
     if error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return (
