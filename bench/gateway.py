@@ -73,7 +73,9 @@ class Plant:
 
 
 @contextlib.contextmanager
-def running(kinds: tuple[Kind, ...] = MIXED, *, full: bool = False) -> Iterator[Plant]:
+def running(
+    kinds: tuple[Kind, ...] = MIXED, *, full: bool = False, outbox: bool = False
+) -> Iterator[Plant]:
     """The plant, once every line is polled."""
     own, simulator, rest = cores()
     lines = lines_of(kinds)
@@ -84,7 +86,7 @@ def running(kinds: tuple[Kind, ...] = MIXED, *, full: bool = False) -> Iterator[
             simulated("unpaced_simulated", simulator, DEVICES, *of_lines)
         )
         mqtt = stack.enter_context(broker(folder, rest))
-        file = large(folder, ports, kinds, mqtt)
+        file = large(folder, ports, kinds, mqtt, outbox=outbox)
         plant = Plant(
             process, stack.enter_context(gateway(file, own, full=full)), mqtt, folder, rest
         )
@@ -97,8 +99,39 @@ def running(kinds: tuple[Kind, ...] = MIXED, *, full: bool = False) -> Iterator[
 
 
 def rows(quick: bool) -> list[Result]:
+    seconds = 5.0 if quick else 30.0
     with running() as plant:
-        return [*_told(plant, 5.0 if quick else 30.0), *_browsers(plant, quick)]
+        found = [*_told(plant, seconds), *_browsers(plant, quick)]
+    return [*found, *_outbox(seconds)]
+
+
+def _outbox(seconds: float) -> list[Result]:
+    """What it costs that the broker confirms every state: in turns without an outbox and with one."""
+    if mqtt_missing() is not None:
+        return []
+    shares: dict[bool, list[float]] = {False: [], True: []}
+    came: list[float] = []
+    expected = 0.0
+    for outbox in (False, True, False, True):
+        with running(outbox=outbox) as plant:
+            assert plant.mqtt is not None
+            states = Subscriber(plant.mqtt, plant.folder, plant.rest)
+            time.sleep(1.0)
+            begin = time.monotonic()
+            polls, core = plant.polled(seconds)
+            end = time.monotonic()
+            time.sleep(1.0)
+            shares[outbox].append(core)
+            told, noted = states.end(), asked(plant.simulator, "report")
+        if outbox:
+            came += latencies(told, noted, begin, end)
+            expected += counted_of(MIXED) * (end - begin) * polls / messages_of(MIXED)
+    without, with_it = (mean(shares[outbox]) for outbox in (False, True))
+    beside = [
+        f"{without:.0%} of a core with QoS 0, {with_it:.0%} with QoS 1 and an outbox, which nothing goes into"
+    ]
+    who = "an MQTT subscriber, with QoS 1 and an outbox"
+    return [_latency(who, came, expected, beside)]
 
 
 def _told(plant: Plant, seconds: float) -> list[Result]:

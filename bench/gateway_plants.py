@@ -71,8 +71,15 @@ def messages_of(kinds: Sequence[Kind]) -> int:
     return found
 
 
-def large(folder: Path, ports: Sequence[str], kinds: Sequence[Kind], broker: int | None) -> Path:
-    """A plant file: all points once a second, everything switched on."""
+def large(
+    folder: Path,
+    ports: Sequence[str],
+    kinds: Sequence[Kind],
+    broker: int | None,
+    *,
+    outbox: bool = False,
+) -> Path:
+    """A plant file: all points once a second, everything switched on, the outbox of MQTT where it is wanted."""
     text = []
     for number, (kind, port) in enumerate(zip(lines_of(kinds), ports, strict=True)):
         text += [f"[line.l{number}]", f'port = "{port}"', "baud = 115200"]
@@ -81,7 +88,7 @@ def large(folder: Path, ports: Sequence[str], kinds: Sequence[Kind], broker: int
             text += [f"[{place}]", f'profile = "{kind.profile}"', f"address = {address}"]
             text.append(f"[{place}.points]")
             text += [f'count{point} = "{kind.at(point)}"' for point in range(kind.points)]
-    return _written(folder, text, broker)
+    return _written(folder, text, broker, outbox=outbox)
 
 
 def paced(folder: Path, ports: Sequence[str], broker: int | None) -> Path:
@@ -115,10 +122,11 @@ PACED_KINDS = [
 """As the simulator knows them."""
 
 
-def _written(folder: Path, text: list[str], broker: int | None) -> Path:
+def _written(folder: Path, text: list[str], broker: int | None, *, outbox: bool = False) -> Path:
     text += ["[history]", "[faults]", "[http]", 'listen = "127.0.0.1:0"']
     if broker is not None:
         text += ["[mqtt]", 'host = "127.0.0.1"', f"port = {broker}", f'topic = "{TOPIC}"']
+        text += ['outbox = "mqtt-outbox.db"'] if outbox else []
     file = folder / "multidrop.toml"
     file.write_text("\n".join([*text, ""]))
     return file

@@ -11,7 +11,6 @@ from pathlib import Path
 from integration.processes import PATIENCE
 from multidrop.catalog import load_profile
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.parts import add_parts
 from multidrop.gateway.settings import settings_of
 from multidrop.gateway.values import Update
 from multidrop.io.poller import Polled, Quality
@@ -113,7 +112,7 @@ async def published(folder: Path, tables: str, devices: str = DEVICES) -> AsyncI
         text = tables.replace("{", "{{").replace("}", "}}") + devices
         plant = parse_plant(text.format(port=listener.port), file, load_profile)
         gateway = Gateway(plant, settings_of(plant), say=said.append)
-        add_parts(gateway)
+        gateway.add_parts()
         async with gateway:
             yield Published(gateway, line, said, text, listener.port, file, delay)
     finally:

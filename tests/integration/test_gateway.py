@@ -239,7 +239,7 @@ def test_a_line_with_other_settings_is_opened_anew(tmp_path: Path) -> None:
             done = await running.reload(plant(tmp_path, slower))
             assert (done.started, done.changed, done.stopped) == (("press",), (), ())
             assert running.lines["press"] is not before
-            running.values.keep_only([])
+            running.values.keep_only({})
             await until(lambda: all_are(running, Quality.GOOD))
 
     asyncio.run(main())

@@ -334,6 +334,26 @@ def test_a_client_that_floods_is_cut_off(tmp_path: Path) -> None:
     run(tmp_path, check)
 
 
+def test_a_client_that_was_silent_for_long_makes_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that was unplugged never says so: it must not keep its place for ever."""
+    monkeypatch.setattr(modbus, "MOST_CLIENTS", 2)
+    monkeypatch.setattr(modbus, "SILENT", 0.2)
+
+    async def check(site: Published, server: ModbusServer) -> None:
+        async with bare(server) as silent, bare(server) as busy:
+            assert await silent.ask(bytes.fromhex("03 0000 0001"))
+            await asyncio.sleep(0.3)
+            assert await busy.ask(bytes.fromhex("03 0000 0001"))
+            async with bare(server) as new:
+                assert await new.ask(bytes.fromhex("03 0000 0001"))
+                assert await silent.is_cut_off()
+                assert await busy.ask(bytes.fromhex("03 0000 0001"))
+
+    run(tmp_path, check)
+
+
 def test_a_client_too_many_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(modbus, "MOST_CLIENTS", 1)
 

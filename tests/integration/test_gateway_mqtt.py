@@ -24,6 +24,7 @@ from integration.threads import simulated
 from integration.writes import logged
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt import broker as mqtt_broker
+from multidrop.gateway.mqtt import carrying_out
 from multidrop.gateway.mqtt import part as mqtt
 from multidrop.gateway.mqtt.part import Mqtt
 
@@ -502,7 +503,7 @@ def test_a_command_that_waited_too_long_is_not_begun(tmp_path: Path, audit: Path
 def test_commands_too_many_at_once_are_refused(
     tmp_path: Path, audit: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mqtt, "MOST_AT_ONCE", 1)
+    monkeypatch.setattr(carrying_out, "MOST_AT_ONCE", 1)
 
     async def check(site: Published, mosquitto: Broker, watching: Watcher) -> None:
         site.answer_delay(0.1)

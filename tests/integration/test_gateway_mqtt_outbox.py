@@ -47,10 +47,10 @@ class Site:
 
 
 @contextmanager
-def site(folder: Path, more: str = "") -> Iterator[Site]:
-    """`more` is added to `[mqtt]`."""
+def site(folder: Path, more: str = "", *settings: str) -> Iterator[Site]:
+    """`more` is added to `[mqtt]`, `settings` are the broker's."""
     with ExitStack() as stack:
-        mosquitto = stack.enter_context(broker(folder))
+        mosquitto = stack.enter_context(broker(folder, *settings))
         lines = [CountingLine(f"line{number}") for number in range(2)]
         stack.enter_context(counting(*lines))
         yield Site(folder, mosquitto, lines, mosquitto.port, more)
@@ -82,7 +82,7 @@ def numbers(watching: Watcher, line: CountingLine) -> list[int]:
     states = [
         json.loads(message.payload)
         for message in watching.messages
-        if str(message.topic) == f"multidrop/{line.name}/count"
+        if str(message.topic) == f"multidrop/{line.name}/count" and message.payload
     ]
     return [state["value"] for state in states if state["value"] is not None]
 

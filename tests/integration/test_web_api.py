@@ -88,7 +88,12 @@ def test_values_and_status(client: Client) -> None:
     assert status["lines"][0]["lost"] is None
     assert 0 < status["lines"][0]["planned"] < 1
     assert [device["silent"] for device in status["devices"]] == [False, False]
-    assert client.get("/health").json == {"status": "ok", "lines_lost": 0}
+    assert status["troubles"] == []
+    assert client.get("/health").json == {
+        "status": "ok",
+        "lines_lost": 0,
+        "parts": {"history": "ok"},
+    }
 
 
 def test_a_point_is_read_at_once(client: Client) -> None:

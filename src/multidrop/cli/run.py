@@ -20,7 +20,6 @@ from multidrop.gateway.check import Checked
 from multidrop.gateway.check import check as check_plant
 from multidrop.gateway.gateway import Gateway, Reloaded
 from multidrop.gateway.news import News
-from multidrop.gateway.parts import add_parts
 from multidrop.gateway.plants import load, plant_path, read
 from multidrop.gateway.settings import settings_of
 from multidrop.gateway.values import Update
@@ -125,7 +124,7 @@ async def run_plant(path: Path, said: Said) -> None:
     """Run until SIGTERM or Ctrl-C."""
     plant = load(path)
     gateway = Gateway(plant, settings_of(plant), say=said.ready, news=said.news)
-    add_parts(gateway)
+    gateway.add_parts()
     news = News(lambda device: gateway.device(device).line, said.news)
     gateway.values.listeners += [news.take, said.update]
     async with gateway:

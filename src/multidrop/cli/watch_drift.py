@@ -54,7 +54,7 @@ def watch_drift(
         folder.mkdir()
     if not found.devices:
         raise UsageError(f"{plant} has no devices")
-    seen: dict[str, list[str]] = {}
+    seen: dict[str, set[str]] = {}
     started = time.monotonic()
     while True:
         status = _round(found, Passports.of(folder), seen, save=save, as_json=json)
@@ -65,29 +65,30 @@ def watch_drift(
 
 
 def _round(
-    plant: Plant, passports: Passports, seen: dict[str, list[str]], *, save: bool, as_json: bool
+    plant: Plant, passports: Passports, seen: dict[str, set[str]], *, save: bool, as_json: bool
 ) -> int:
-    """All devices once. What was said the last time is not said again."""
+    """All devices once. What was said the last time is not said again, nor after a silence."""
     for path, reason in passports.unusable.items():
-        if seen.get(str(path)) != [reason]:
+        if seen.get(str(path)) != {reason}:
             click.secho(f"not used: {reason}", err=True, fg="yellow")
-            seen[str(path)] = [reason]
+            seen[str(path)] = {reason}
     status, differ = 0, False
     for name, device in plant.devices.items():
         drift = look(name, Target(device.device, device.profile), passports)
         if save and drift.kept is None and drift.now is not None:
             drift = replace(drift, error=None)  # it gets its first one
+        before = seen.get(name, set())
         lines = _lines(drift, as_json)
         for line in lines:
-            if line not in seen.get(name, ()):
+            if line not in before:
                 click.echo(line)
         if drift.error is not None:
             status = max(status, drift.error.exit_status)
             if not as_json:
                 lines.append(f"{drift.error}")
-                if lines[-1] not in seen.get(name, ()):
+                if lines[-1] not in before:
                     report_failure(drift.error, name)
-        seen[name] = lines
+        seen[name] = {*lines, *(before if drift.now is None else ())}
         differ = differ or bool(drift.differences)
         if save and drift.now is not None and (drift.differences or drift.kept is None):
             click.echo(f"{name}: {save_new(drift, passports.folder)}", err=True)

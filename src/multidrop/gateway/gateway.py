@@ -14,16 +14,18 @@ import contextlib
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 from multidrop.errors import Error, OutcomeUnknown, PortError
 from multidrop.gateway.check import demand_right
 from multidrop.gateway.clock import synchronised
 from multidrop.gateway.fault_watch import FaultWatch
 from multidrop.gateway.line import DeviceHealth, GatewayLine, LineHealth
+from multidrop.gateway.parts import modules_of
 from multidrop.gateway.permission import NotAllowed, Rates, allowed, check_value, number
 from multidrop.gateway.polled import role_of
 from multidrop.gateway.settings import Settings
+from multidrop.gateway.telling import Telling
 from multidrop.gateway.values import Values
 from multidrop.io.audit import AuditLog, jsonable
 from multidrop.plant import Plant, PlantDevice
@@ -42,6 +44,9 @@ class Part(Protocol):
     async def run(self) -> None:
         """Until cancelled; it is never started again. What it raises ends the gateway."""
         ...
+
+
+PartT = TypeVar("PartT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +89,7 @@ class Gateway:
         self._rates = Rates()
         self._writing: set[asyncio.Task[Any]] = set()
         self._stopping = False
+        self._changing = False  # lines are of one plant already, and limits still of the other
         self._reloading = asyncio.Lock()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -91,6 +97,15 @@ class Gateway:
     def add(self, part: Part) -> None:
         """A part, before the gateway is started; those that others need come first."""
         self.parts[part.name] = part
+
+    def add_parts(self) -> None:
+        """All that its plant file switches on. Raises `UsageError`, and `PortError` where a disk is full."""
+        for module in modules_of(self.plant, self.settings):
+            self.add(module.part(self))
+
+    def part(self, kind: type[PartT]) -> PartT | None:
+        """The part of this class; None where it is off."""
+        return next((part for part in self.parts.values() if isinstance(part, kind)), None)
 
     # -- its life ----------------------------------------------------------------------------
 
@@ -152,32 +167,41 @@ class Gateway:
         """
         async with self._reloading:
             await asyncio.to_thread(demand_right, plant)  # a second for thousands of points
-            stopped = [name for name in self.lines if name not in plant.lines]
-            changed, kept, started = [], [], []
-            for name in plant.lines:
-                devices = plant.on(name)
-                line = self.lines.get(name)
-                if line is None:
-                    started.append(name)
-                elif line.devices == tuple(devices):
-                    kept.append(name)
-                elif line.fits(devices):
-                    changed.append(name)
-                else:
-                    stopped.append(name)
-                    started.append(name)
-            await self._stop([f"line {name}" for name in stopped])
-            for name in stopped:
-                del self.lines[name]
-            for name in changed:
-                await self.lines[name].change(plant.on(name))
-            for name in started:
-                self._start_line(name, plant)
-            self.plant = plant
-            self.values.keep_only(key for line in self.lines.values() for key in line.keys)
-            self.faults.keep_only(plant.devices)
-        gone = [name for name in stopped if name not in started]
-        return Reloaded(tuple(started), tuple(changed), tuple(gone), tuple(kept))
+            found = self._compared(plant)
+            self._changing = True
+            try:
+                await self._change(plant, found)
+            finally:
+                self._changing = False
+        return found
+
+    def _compared(self, plant: Plant) -> Reloaded:
+        """What becomes of each line; one that is opened anew counts as started."""
+        started, changed, kept = [], [], []
+        for name in plant.lines:
+            devices, line = plant.on(name), self.lines.get(name)
+            if line is not None and line.devices == tuple(devices):
+                kept.append(name)
+            elif line is not None and line.fits(devices):
+                changed.append(name)
+            else:
+                started.append(name)
+        stopped = (name for name in self.lines if name not in plant.lines)
+        return Reloaded(tuple(started), tuple(changed), tuple(stopped), tuple(kept))
+
+    async def _change(self, plant: Plant, found: Reloaded) -> None:
+        ended = [name for name in (*found.stopped, *found.started) if name in self.lines]
+        await self._stop([f"line {name}" for name in ended])
+        for name in ended:
+            del self.lines[name]
+        for name in found.changed:
+            await self.lines[name].change(plant.on(name))
+        for name in found.started:
+            self._start_line(name, plant)
+        self.plant = plant
+        points = [line.points for line in self.lines.values()]
+        self.values.keep_only({key: point for each in points for key, point in each.items()})
+        self.faults.keep_only(plant.devices)
 
     # -- asking ------------------------------------------------------------------------------
 
@@ -218,15 +242,12 @@ class Gateway:
             self._allow(device, point, value)
             service = self.line_of(device).service
             return await service.write(device, point, value, audit=log)
+        except OutcomeUnknown:  # it was sent, also where the log could not take that
+            raise
         except Error as error:
             if not log.lines:
                 self._not_sent(log, device, point, value, str(error))
             raise
-        except OSError as error:  # the log had room before
-            raise OutcomeUnknown(
-                f"{device} {point}: the write went out and could not be recorded: {error}",
-                step="the audit log",
-            ) from None
 
     def refuse(
         self, device: str, point: str, value: Value | str, why: str, *, who: str, origin: str
@@ -256,6 +277,8 @@ class Gateway:
         """Raises `UsageError` where a write must not be."""
         if self._stopping:
             raise NotAllowed("the gateway is stopping")
+        if self._changing:
+            raise PortError("nothing is written while the plant file is being read again")
         found = self.device(device)
         limits = allowed(found, point, lambda: role_of(found, point))
         prepared = self.line_of(device).service.device(device).device.prepare_write(point, value)
@@ -266,6 +289,10 @@ class Gateway:
 
     def line_health(self) -> list[LineHealth]:
         return [line.health() for line in self.lines.values()]
+
+    def telling(self) -> list[Telling]:
+        """The parts that tell how they are."""
+        return [part for part in self.parts.values() if isinstance(part, Telling)]
 
     def device_health(self, name: str) -> DeviceHealth:
         """Raises `UsageError`."""

@@ -16,6 +16,7 @@ from multidrop.io.poller import OnReading, Polled, Quality
 from multidrop.io.polling import TYPICAL_DELAY, Plan, line_time
 from multidrop.io.service import LineService, one_line, settings_of_line
 from multidrop.plant import PlantDevice
+from multidrop.points import Point
 from multidrop.writing import Written
 
 
@@ -155,6 +156,15 @@ class GatewayLine:
     def keys(self) -> list[tuple[str, str]]:
         """Device and point of everything that is polled."""
         return [(name, point) for name, points in self._polled.items() for point in points]
+
+    @property
+    def points(self) -> dict[tuple[str, str], Point]:
+        """The same, each with the place it is read at."""
+        return {
+            (poll.name, point.name or point.text): point
+            for poll in self.plan.polls
+            for point in poll.group
+        }
 
     def health(self) -> LineHealth:
         service = self.service

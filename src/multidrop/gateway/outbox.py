@@ -15,7 +15,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.durable import Durable
 from multidrop.gateway.gaps import Gap
 
@@ -50,7 +50,7 @@ class Waiting:
 class Outbox:
     """Keeps up to `most` bytes of records in the file at `path`. Any thread may use it.
 
-    Raises `UsageError` where the file is something else, or cannot be opened.
+    Raises `UsageError` where the file is something else, `PortError` where the disk does not take it.
     """
 
     def __init__(self, path: Path, most: int) -> None:
@@ -60,9 +60,12 @@ class Outbox:
         self._delivered = 0
         self._taken = 0
         self._rates: deque[tuple[float, int]] = deque()
+        self._asking = threading.Lock()  # of the rates: the other one waits for the disk
         try:
             self._file = _open(path)
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.OperationalError, OSError) as error:
+            raise PortError(f"{path}: no outbox can be kept here: {error}") from None
+        except sqlite3.Error as error:
             raise UsageError(f"{path}: no outbox can be kept here: {error}") from None
         self._durable = Durable(self._file)
         self._size, self._count = self._file.execute(
@@ -89,12 +92,18 @@ class Outbox:
     @property
     def hours(self) -> float | None:
         """How long a server may be away at the rate of the last ten minutes; None before it is known."""
-        with self._lock:
+        with self._asking:
             if len(self._rates) < 2:
                 return None
             took = self._rates[-1][0] - self._rates[0][0]
             size = sum(size for _, size in self._rates) - self._rates[0][1]
         return self.most / size * took / 3600 if took and size else None
+
+    @property
+    def left(self) -> float | None:
+        """How much longer it has room, h, at that rate; None before it is known."""
+        hours = self.hours
+        return None if hours is None else hours * max(0.0, 1 - self._size / self.most)
 
     def put(self, records: list[tuple[bytes, int, int, int]]) -> None:
         """Add records: data, time of their first and last sample (µs), how many samples.
@@ -123,15 +132,18 @@ class Outbox:
                 raise
             self._note_rate(sum(len(record[0]) for record in records))
 
-    def take(self, most: int = 1) -> list[Waiting]:
-        """The oldest records that were not yet delivered; until they are, or `put_back`, they stay."""
+    def take(self, most: int = 1, after: int = 0) -> list[Waiting]:
+        """The oldest records that were not yet delivered; until they are, or `put_back`, they stay.
+
+        `after`: the next ones after that number, up to which all stay too.
+        """
         with self._lock:
             rows = self._file.execute(
                 "SELECT number, data, lost_from, lost_until, lost FROM records "
                 "WHERE number > ? ORDER BY number LIMIT ?",
-                (self._delivered, most),
+                (max(self._delivered, after), most),
             ).fetchall()
-            self._taken = rows[-1][0] if rows else 0
+            self._taken = rows[-1][0] if rows else after
         return [
             Waiting(number, data, Gap(start, end, OVERFLOW, lost) if start is not None else None)
             for number, data, start, end, lost in rows
@@ -173,8 +185,7 @@ class Outbox:
 
     def note(self, size: int) -> None:
         """So many bytes would have come, were the server away: for the present rate."""
-        with self._lock:
-            self._note_rate(size)
+        self._note_rate(size)
 
     def close(self) -> None:
         with self._lock:
@@ -210,9 +221,10 @@ class Outbox:
 
     def _note_rate(self, size: int) -> None:
         now = time.monotonic()
-        self._rates.append((now, size))
-        while now - self._rates[0][0] > RATE_OVER:
-            self._rates.popleft()
+        with self._asking:
+            self._rates.append((now, size))
+            while now - self._rates[0][0] > RATE_OVER:
+                self._rates.popleft()
 
 
 def _open(path: Path) -> sqlite3.Connection:

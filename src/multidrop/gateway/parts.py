@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import CLASSES, Settings
 from multidrop.plant import Plant
-
-if TYPE_CHECKING:
-    from multidrop.gateway.gateway import Gateway
 
 PARTS: dict[str, str] = {
     "history": "multidrop.gateway.history.part",
@@ -23,20 +20,22 @@ PARTS: dict[str, str] = {
 }
 """Table -> module, in the order in which they are started. Imported when needed.
 
-`part(gateway) -> Part` makes it; `wrong(plant, settings) -> Iterator[str]` says what is wrong with
+`part(gateway) -> Part` makes it, and raises `PortError` where the disk has no room; `wrong(plant, settings) -> Iterator[str]` says what is wrong with
 its table, key by key; it opens no port, asks no server and changes no file.
 """
 
 
-def add_parts(gateway: Gateway) -> None:
-    """Give a gateway all its parts. Raises `UsageError` where one is not installed."""
-    wanted = [table for table in CLASSES if getattr(gateway.settings, table) is not None]
+TELLING = ("history", "mqtt")
+"""Those that tell how they are, also that they are off: `/api/status` has each of them."""
+
+
+def modules_of(plant: Plant, settings: Settings) -> Iterator[Any]:
+    """The modules of the parts that are switched on. Raises `UsageError` where one is not installed."""
+    wanted = [table for table in CLASSES if getattr(settings, table) is not None]
     for table in wanted:
         if table not in PARTS:
-            raise UsageError(f"{gateway.plant.file}: [{table}] is not in this version")
-    for table in PARTS:
-        if table in wanted:
-            gateway.add(import_module(PARTS[table]).part(gateway))
+            raise UsageError(f"{plant.file}: [{table}] is not in this version")
+    return (import_module(PARTS[table]) for table in PARTS if table in wanted)
 
 
 def wrong_with_parts(plant: Plant, settings: Settings) -> Iterator[str]:

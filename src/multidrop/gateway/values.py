@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from multidrop.io.poller import Polled, Quality
-from multidrop.points import Value
+from multidrop.points import Point, Value
 
 Key = tuple[str, str]
 """Device, point: the names of the plant."""
@@ -85,11 +85,11 @@ class Values:
         """The latest of all points of a device."""
         return (update for update in self.latest.values() if update.device == device)
 
-    def keep_only(self, keys: Iterable[Key]) -> None:
-        """Forget the points that are no longer polled."""
-        kept = set(keys)
-        for key in [key for key in self.latest if key not in kept]:
-            del self.latest[key]
+    def keep_only(self, points: Mapping[Key, Point]) -> None:
+        """Forget what is no longer polled, and what was read of a point that is another by now."""
+        for key, update in list(self.latest.items()):
+            if points.get(key) != update.polled.point:
+                del self.latest[key]
 
 
 def _with_newest(polled: Polled, before: Polled) -> Polled:

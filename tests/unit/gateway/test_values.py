@@ -10,7 +10,7 @@ import pytest
 from multidrop.gateway.clock import synchronised
 from multidrop.gateway.values import CLOCK_EVERY, Update, Values
 from multidrop.io.poller import Quality
-from unit.gateway.updates import update
+from unit.gateway.updates import point, update
 
 
 class Clock:
@@ -78,8 +78,16 @@ def test_the_points_of_one_device_and_those_that_are_left() -> None:
     for device, name in (("a", "p"), ("a", "q"), ("b", "p")):
         values.take(update(device, name).polled)
     assert [one.point for one in values.of("a")] == ["p", "q"]
-    values.keep_only([("a", "q"), ("b", "p"), ("c", "new")])
+    values.keep_only({("a", "q"): point("q"), ("b", "p"): point("p"), ("c", "new"): point("new")})
     assert list(values.latest) == [("a", "q"), ("b", "p")]
+
+
+def test_what_was_read_of_a_point_that_is_another_by_now_is_not_left() -> None:
+    values = Values(Clock())
+    for name in ("p", "q"):
+        values.take(update("a", name).polled)
+    values.keep_only({("a", "p"): point("p", destination=2), ("a", "q"): point("q")})
+    assert list(values.latest) == [("a", "q")]
 
 
 def test_what_a_listener_raises_comes_out() -> None:

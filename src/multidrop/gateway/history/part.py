@@ -11,7 +11,7 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -24,8 +24,10 @@ from multidrop.gateway.history.batching import Batching
 from multidrop.gateway.history.records import Bucket, Kept, Sample, kept
 from multidrop.gateway.history.reporting import Reporting, Rule
 from multidrop.gateway.history.store import MOST_BUCKETS, Store
+from multidrop.gateway.history.telling import HistoryState, metrics_of, trouble_of
 from multidrop.gateway.settings import HistorySettings, Settings, demand_writable, objections
 from multidrop.gateway.stamps import microseconds
+from multidrop.gateway.telling import Metric, Trouble
 from multidrop.gateway.values import Key, Update
 from multidrop.io.poller import Polled, Quality
 from multidrop.plant import Plant
@@ -42,20 +44,6 @@ SOON = 5.0
 DAY = 86_400.0
 
 ResultT = TypeVar("ResultT")
-
-
-@dataclass(frozen=True, slots=True)
-class HistoryState:
-    """How history is kept now. `error`: why nothing can be written, None where all is well.
-
-    `waiting` samples are not in the store yet; `lost` ones had to be given up in this run.
-    `hours`: how long the database server may be away at the present rate; None without one.
-    """
-
-    error: str | None
-    waiting: int
-    lost: int
-    hours: float | None
 
 
 class History:
@@ -78,7 +66,7 @@ class History:
     ) -> None:
         self.store = store
         self._news = news
-        self._troubled = False
+        self._troubled: datetime | None = None  # since when
         self._rule_of = rule_of
         self._keep = keep
         self._every = every
@@ -154,8 +142,8 @@ class History:
     def _tell(self) -> None:
         """Each change once: a disk that is full at night should stand in a log."""
         error = self.state.error
-        if (error is not None) is not self._troubled:
-            self._troubled = error is not None
+        if (error is None) is not (self._troubled is None):
+            self._troubled = None if error is None else datetime.now(UTC)
             self._news(f"history: {error}" if error else "history: it is written again")
 
     @property
@@ -163,6 +151,17 @@ class History:
         state = self.store.state
         waiting = self._batching.samples + state.waiting
         return HistoryState(self._error or state.error, waiting, self._batching.lost, state.hours)
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """Why samples are not where they should be, if they are not."""
+        if self._troubled is None:
+            return None
+        waits = self._error is None
+        return trouble_of(self.state, self._troubled, self.store.left, waits=waits)
+
+    def metrics(self) -> Iterable[Metric]:
+        return metrics_of(self.state)
 
     # -- what is asked -------------------------------------------------------------------------
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.durable import Durable
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.blocks import Chunk, decode, encode
-from multidrop.gateway.history.buckets import Summary, summary_of
+from multidrop.gateway.history.buckets import Contents, Summary, contents_of
 from multidrop.gateway.history.records import GOOD, Batch, Kept, Row, Span
 from multidrop.gateway.history.store import (
     FORGET_AT_ONCE,
@@ -63,7 +63,7 @@ class SqliteStore(Store):
     """History in the file at `path`, which is made where it is missing.
 
     `only_read`: for another process than the one that writes. Raises `UsageError` where the
-    file is something else, or cannot be opened.
+    file is something else, and `PortError` where it cannot be opened: the disk is full, say.
     """
 
     def __init__(self, path: Path, *, only_read: bool = False) -> None:
@@ -73,7 +73,9 @@ class SqliteStore(Store):
         try:
             self._reader = self._open(path, only_read)
             self._writer = self._reader if only_read else self._open(path, only_read)
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.OperationalError, OSError) as error:
+            raise PortError(f"{path}: no history can be kept here: {error}") from None
+        except sqlite3.Error as error:
             raise UsageError(f"{path}: no history can be kept here: {error}") from None
         self._durable = Durable(self._writer)
         self._series: dict[tuple[str, str], int] = {}
@@ -201,7 +203,7 @@ class SqliteStore(Store):
         codes: Sequence[int],
     ) -> None:
         plain = set(map(type, values)) <= {int, float}
-        minimum, maximum, final, count, gap = summary_of(values, codes, plain=plain)
+        minimum, maximum, final, count, gap = contents_of(values, codes, plain=plain)
         self._writer.execute(
             "INSERT INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (
@@ -263,7 +265,7 @@ class SqliteStore(Store):
         )
         return [Gap(*row) for row in rows]
 
-    def _chunks(self, series: int, span: int, start: int, end: int) -> Iterator[Chunk]:
+    def _chunks(self, series: int, span: int, start: int, end: int) -> Generator[Chunk, None, None]:
         blocks = self._reader.execute(
             "SELECT first, data FROM blocks WHERE series = ? AND span = ? AND first < ? AND last >= ? "
             "ORDER BY first",
@@ -275,7 +277,7 @@ class SqliteStore(Store):
 
     def _pieces(
         self, series: int, span: int, start: int, end: int, width: int
-    ) -> Iterator[Chunk | Summary]:
+    ) -> Generator[Chunk | Summary, None, None]:
         blocks = self._reader.execute(
             "SELECT first, count, minimum, maximum, final, gap, "
             "CASE WHEN first < :start OR last >= :end OR (first - :start) / :width <> (last - :start) / :width "
@@ -285,7 +287,7 @@ class SqliteStore(Store):
         )
         for first, count, minimum, maximum, final, gap, data in blocks:
             if data is None:
-                yield Summary(first, count, minimum, maximum, final, bool(gap))
+                yield Summary(first, Contents(minimum, maximum, final, count, bool(gap)))
             else:
                 yield decode(first, data)
         yield from self._fresh_chunk(series, span, start, end)

@@ -45,6 +45,9 @@ MOST_WAITING = 16
 
 MOST_CLIENTS = 64
 
+SILENT = 300.0
+"""s after which a client that says nothing makes room for another: it may have been unplugged."""
+
 WRITE_WITHIN = 1.0
 """s after its receipt in which a write must begin: its client may have given it up since."""
 
@@ -129,7 +132,9 @@ class ModbusServer:
     def _answer(self, caller: Caller) -> Called:
         client = Client(self, caller)
         if len(self.clients) > MOST_CLIENTS:
-            client.hang_up()
+            oldest = min(self.clients, key=lambda each: each.heard)
+            is_gone = client.heard - oldest.heard > SILENT
+            (oldest if is_gone else client).hang_up()
         return client
 
     @property
@@ -139,7 +144,7 @@ class ModbusServer:
             self._plant = self.gateway.plant
             try:
                 self._map = self._keep_map()
-            except UsageError as error:
+            except (UsageError, PortError) as error:
                 self.gateway.say(f"modbus: new points have no registers: {error}")
         return self._map
 
@@ -225,10 +230,12 @@ class Client:
         self._framer = FramerSocket(DecodePDU(True))
         self._buffer = bytearray()
         self._waiting: asyncio.Queue[Request] = asyncio.Queue(MOST_WAITING)
+        self.heard = asyncio.get_running_loop().time()
         server.clients.add(self)
         self._working = asyncio.create_task(self._work())
 
     def receive(self, data: bytes) -> None:
+        self.heard = asyncio.get_running_loop().time()
         self._buffer += data
         try:
             while (request := self._next()) is not None:

@@ -18,7 +18,7 @@ from io import StringIO
 from math import isfinite
 from pathlib import Path
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.polled import target_of
 from multidrop.numerals import is_digits
 from multidrop.plantfile import Plant
@@ -213,14 +213,17 @@ def map_of(plant: Plant, path: Path) -> tuple[RegisterMap, RegisterMap]:
 
 
 def keep_map(plant: Plant, path: Path) -> RegisterMap:
-    """The map of this plant; what is new is added to the file. Raises `UsageError`."""
+    """The map of this plant; what is new is added to the file.
+
+    Raises `UsageError`, and `PortError` where the disk does not take it.
+    """
     filed, wanted = map_of(plant, path)
     new = wanted.entries[len(filed.entries) :]
     if new or not path.exists():
         try:
             _add(path, new)
         except OSError as error:
-            raise UsageError(f"{path}: {error.strerror}: the register map must be kept") from None
+            raise PortError(f"{path}: {error.strerror}: the register map must be kept") from None
     return wanted
 
 

@@ -15,11 +15,11 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec, Self, TypeVar
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.mqtt.broker import AT_ONCE, aiomqtt, publish_together
 from multidrop.gateway.mqtt.lots import Lot, State, joined, packed, unpack
@@ -52,35 +52,33 @@ ParamsT = ParamSpec("ParamsT")
 ResultT = TypeVar("ResultT")
 
 
-@dataclass(frozen=True, slots=True)
-class MqttState:
-    """`error`: why nothing goes to the broker. `waiting`: states it has not confirmed.
-
-    `hours`: how long it may be away at the present rate. The last two are None without an outbox.
-    """
-
-    error: str | None
-    waiting: int | None = None
-    hours: float | None = None
-
-
 class Backlog:
     """Everything that the broker has not confirmed, in order: in memory, else in the outbox.
 
-    Use it in an `async with`: at its end what is in memory goes to the disk. Raises `UsageError`
-    where nothing can be written.
+    Use it in an `async with`: at its end what is in memory goes to the disk. `news` is told when
+    the disk takes nothing, and when it does again. Raises `PortError` where it takes nothing now.
     """
 
-    def __init__(self, outbox: Outbox, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        outbox: Outbox,
+        now: Callable[[], float] = time.monotonic,
+        *,
+        news: Callable[[str], None] = lambda text: None,
+    ) -> None:
         self.error: str | None = None
+        self.since: datetime | None = None  # of the error
+        self.hours: float | None = None  # how long the broker may be away; None before it is known
+        self.left: float | None = None  # how much longer, with what waits already
         self.followed = 0  # states out of the outbox, since the last `put_back`
         self.confirmed: set[str] = set()  # topics, since the last `put_back`
         self._outbox = outbox
         self._now = now
+        self._news = news
         try:
             self._run = outbox.begin_run()
         except sqlite3.Error as error:
-            raise UsageError(f"{outbox.path}: no outbox can be kept here: {error}") from None
+            raise PortError(f"{outbox.path}: no outbox can be kept here: {error}") from None
         self._number = 0
         self._newest: dict[str, tuple[Update, State]] = {}
         self._fresh: deque[State] = deque()
@@ -107,15 +105,9 @@ class Backlog:
         in_flight = len(flying.states) if flying is not None and flying.number is None else 0
         return self._outbox.samples + len(self._fresh) + in_flight
 
-    @property
-    def hours(self) -> float | None:
-        """How long the broker may be away at the present rate; None before it is known."""
-        return self._outbox.hours
-
     def __str__(self) -> str:
         """Where what waits is, and how long it may."""
-        hours = self.hours
-        room = "" if hours is None else f", with room for {hours:.3g} h"
+        room = "" if self.left is None else f", with room for {self.left:.3g} h"
         return f"states wait in {self._outbox.path}{room}"
 
     def add(self, topic: str, update: Update) -> None:
@@ -139,13 +131,18 @@ class Backlog:
     # -- to the broker -------------------------------------------------------------------------
 
     async def deliver(
-        self, client: aiomqtt.Client, topics: Topics, retained: Collection[str]
+        self,
+        client: aiomqtt.Client,
+        topics: Topics,
+        retained: Collection[str],
+        ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Until nothing waits; only `retained` topics are. Raises `MqttError`, `UsageError`.
+        """Until all is sent that waited, or `ends`; only `retained` topics are. Raises `MqttError`, `UsageError`.
 
-        What it leaves unconfirmed it still has; `put_back` says that it will not be.
+        What comes meanwhile gathers for the next time. What it leaves unconfirmed it still has;
+        `put_back` says that it will not be.
         """
-        while (lot := await self._next()) is not None:
+        while not ends() and (lot := await self._next()) is not None:
             messages = [
                 (state.topic, state.payload, state.topic in retained) for state in lot.states
             ]
@@ -153,7 +150,10 @@ class Backlog:
                 gap = gap_payload(lot.lost, lot.states[0].record)
                 messages.insert(0, (topics.gap, gap, False))
             await publish_together(client, messages, RECEIVED)
+            in_memory = lot.number is None
             await self._done(lot)
+            if in_memory and len(lot.states) < AT_ONCE:
+                return
             await asyncio.sleep(0)  # publishing may not wait, and others want to run
 
     async def put_back(self) -> None:
@@ -223,32 +223,51 @@ class Backlog:
             oldest = flying.states[0] if flying else self._fresh[0] if self._fresh else None
             if oldest is None or self._now() - oldest.added < age:
                 self._outbox.note(self._rate.would_be())
-            else:
-                await self._put(flying)
+            elif self.error is None or await self._put(flying, AT_ONCE):
+                await self._put(flying if flying and flying.number is None else None)
+            # asked now and not when somebody wants to know: then the disk may have the outbox
+            self.hours, self.left = self._outbox.hours, self._outbox.left
 
-    async def _put(self, flying: Lot | None) -> None:
-        fresh, self._fresh = list(self._fresh), deque()
-        lost, self._lost = self._lost, None
-        lots = [Lot(fresh[at : at + AT_ONCE]) for at in range(0, len(fresh), AT_ONCE)]
+    async def _put(self, flying: Lot | None, most: int = MOST_IN_MEMORY) -> bool:
+        """So many states at most; where the disk took none, little is tried first. Whether it takes them."""
+        count = min(most, len(self._fresh))
+        fresh = [self._fresh.popleft() for _ in range(count)]
+        lots = [Lot(fresh[at : at + AT_ONCE]) for at in range(0, count, AT_ONCE)]
+        lost = None
         if lots:
-            lots[0].lost = lost
-        else:
-            self._lost = lost
+            lots[0].lost, lost, self._lost = self._lost, self._lost, None
         if flying is not None:
             lots.insert(0, flying)
-        records = [packed(lot) for lot in lots]
+        if not lots:
+            return True
         try:
-            await self._on_disk(self._outbox.put, records)
+            first = await self._on_disk(self._write, lots)
         except sqlite3.Error as error:
-            self.error = f"{self._outbox.path}: {error}"
             self._fresh.extendleft(reversed(fresh))
             self._lost = joined(lost, self._lost)
-            return
-        self.error = None
+            self._is_written(str(error))
+            return False
+        self._is_written(None)
         self._behind = True
         self._rate.would_be()  # the outbox has counted these itself
         if flying is not None:
-            flying.number = await self._number_of(records[0][0])
+            flying.number = await self._number_of(first)
+        return True
+
+    def _write(self, lots: list[Lot]) -> bytes:
+        """In the thread of the disk: to make thousands of states smaller takes long. The bytes of the first."""
+        records = [packed(lot) for lot in lots]
+        self._outbox.put(records)
+        return records[0][0]
+
+    def _is_written(self, error: str | None) -> None:
+        """Each change once: it should stand in a log."""
+        if error is not None and self.error is None:
+            self.since = datetime.now(UTC)
+            self._news(f"mqtt: {self._outbox.path}: {error}")
+        elif error is None and self.error is not None:
+            self._news(f"mqtt: {self._outbox.path} is written again")
+        self.error = None if error is None else f"{self._outbox.path}: {error}"
 
     async def _number_of(self, data: bytes) -> int:
         """Of the first that waits in the outbox; 0 where that is another: the bound pushed it out."""
@@ -264,6 +283,8 @@ class Backlog:
                 self._keeper.cancel()
         await self.put_back()
         await self.keep(0.0)
+        if self._fresh:
+            self._news(f"mqtt: {len(self._fresh)} states that waited in memory are lost")
         await self._on_disk(self._outbox.close)
         self._disk.shutdown()
 
@@ -284,18 +305,12 @@ class Backlog:
         return await loop.run_in_executor(self._disk, lambda: work(*given, **more))
 
 
-def backlog_of(settings: Settings) -> Backlog | None:
-    """The one that `[mqtt]` names, if it does. Raises `UsageError`."""
+def backlog_of(settings: Settings, news: Callable[[str], None]) -> Backlog | None:
+    """The one that `[mqtt]` names, if it does. Raises `UsageError`, and `PortError` where the disk is full."""
     table = settings.mqtt
     if table is None or table.outbox is None:
         return None
-    return Backlog(Outbox(settings.path(table.outbox), round(table.outbox_size * 1e6)))
-
-
-def state_of(error: str | None, backlog: Backlog | None) -> MqttState:
-    if backlog is None:
-        return MqttState(error)
-    return MqttState(error or backlog.error, backlog.waiting, backlog.hours)
+    return Backlog(Outbox(settings.path(table.outbox), round(table.outbox_size * 1e6)), news=news)
 
 
 def wrong_with_outbox(settings: Settings) -> Iterator[str]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from multidrop.errors import Error, UsageError
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.mqtt.broker import (
     AT_ONCE,
@@ -20,7 +21,6 @@ from multidrop.gateway.mqtt.broker import (
     KEPT,
     Broker,
     aiomqtt,
-    answer_properties,
     command_of,
     end_all,
     end_if_cancelled,
@@ -28,8 +28,9 @@ from multidrop.gateway.mqtt.broker import (
     subscribe,
     wrong_with_broker,
 )
-from multidrop.gateway.mqtt.commands import Command, done, failed, may_answer
-from multidrop.gateway.mqtt.outbox import MqttState, backlog_of, state_of, wrong_with_outbox
+from multidrop.gateway.mqtt.carrying_out import Commands
+from multidrop.gateway.mqtt.outbox import backlog_of, wrong_with_outbox
+from multidrop.gateway.mqtt.telling import MqttState, away, in_memory, metrics_of
 from multidrop.gateway.mqtt.topics import (
     OFFLINE,
     ONLINE,
@@ -42,9 +43,9 @@ from multidrop.gateway.mqtt.topics import (
     unread_payload,
 )
 from multidrop.gateway.settings import Settings, objections
+from multidrop.gateway.telling import Metric, Trouble
 from multidrop.gateway.values import Key, Update
 from multidrop.plant import Plant
-from multidrop.writing import Written
 
 if TYPE_CHECKING:
     from multidrop.gateway.settings import MqttSettings
@@ -58,13 +59,8 @@ STEADY = 5.0
 FAREWELL = 1.0
 """s in which the broker is told that the gateway stops."""
 
-MOST_AT_ONCE = 32
-"""Commands that are under way; what comes beyond is refused."""
-
 TOGETHER = 0.01
 """s in which states gather behind some that were sent; the first after a quiet while waits for none."""
-
-WHO = "mqtt client"
 
 
 def part(gateway: Gateway) -> Mqtt:
@@ -98,7 +94,8 @@ class Mqtt:
             checked_topic(settings.discovery, "mqtt.discovery")
         self.connected_at: float | None = None  # monotonic, s
         self._error: str | None = "not connected yet"
-        self._backlog = backlog_of(gateway.settings)
+        self._since = datetime.now(UTC)  # of the error
+        self._backlog = backlog_of(gateway.settings, gateway.news)
         self._broker = Broker(settings, gateway.settings.path)
         self._plant = gateway.plant
         self._keys = {self.topics.state(key): key for key in keys_of(gateway.plant)}
@@ -107,13 +104,29 @@ class Mqtt:
         self._published: dict[Key, Update] = {}
         self._waiting: dict[Key, Update] = {}
         self._wake = asyncio.Event()
-        self._commands: set[asyncio.Task[None]] = set()
-        self._turns: dict[str, asyncio.Lock] = {}
+        self._commands = Commands(gateway, settings, self.topics, f"mqtt {self._broker}")
 
     @property
     def state(self) -> MqttState:
         """How it is with the broker."""
-        return state_of(self._error, self._backlog)
+        backlog = self._backlog
+        if backlog is None:
+            return MqttState(self._error)
+        return MqttState(self._error or backlog.error, backlog.waiting, backlog.hours)
+
+    @property
+    def trouble(self) -> Trouble | None:
+        """Why states are not where they should be, if they are not."""
+        backlog, state = self._backlog, self.state
+        if backlog is not None and backlog.error is not None and backlog.since is not None:
+            return in_memory(replace(state, error=backlog.error), backlog.since)
+        if self._error is None:
+            return None
+        left = None if backlog is None else backlog.left
+        return away(str(self._broker), state, self._since, left)
+
+    def metrics(self) -> Iterable[Metric]:
+        return metrics_of(self.state)
 
     async def run(self) -> None:
         """Until cancelled; what waits in memory then goes to the disk."""
@@ -138,6 +151,8 @@ class Mqtt:
                     self.connected_at, self._error = now(), None
                     await self._serve(client)
             except aiomqtt.MqttError as error:
+                if self._error is None:
+                    self._since = datetime.now(UTC)
                 self._error = reason = str(error)
             if self.connected_at is not None and now() - self.connected_at > STEADY:
                 pause, said = FIRST_PAUSE, ""
@@ -169,8 +184,7 @@ class Mqtt:
             for task in ended:
                 task.result()
         except asyncio.CancelledError:
-            if self._commands:
-                await asyncio.wait(self._commands, timeout=FAREWELL)
+            await self._commands.end(FAREWELL)
             with contextlib.suppress(aiomqtt.MqttError):
                 await client.publish(
                     self.topics.status, OFFLINE, qos=1, retain=True, timeout=FAREWELL
@@ -184,7 +198,7 @@ class Mqtt:
     def _take(self, update: Update) -> None:
         """A listener of `Values`: what is new waits, in the place of what waited before or behind it."""
         key = update.key
-        changed, news = self._plant is not self.gateway.plant, self._is_news(key, update)
+        changed, news = self._has_changed(), self._is_news(key, update)
         if self._backlog is not None and news:
             self._published[key] = update
             self._backlog.add(self.topics.state(key), update)
@@ -200,6 +214,8 @@ class Mqtt:
         before, polled = self._published.get(key), update.polled
         if before is None or before.polled.quality is not polled.quality:
             return True
+        if before.polled.point is not polled.point and before.polled.point != polled.point:
+            return True  # after a reload it is another: the same number means something else
         if update.monotonic - before.monotonic >= self.settings.longest:
             return True
         one, other = before.polled.value, polled.value
@@ -214,10 +230,7 @@ class Mqtt:
     async def _publish(self, client: aiomqtt.Client) -> None:
         """First what the broker has of another day is replaced, and only then the gateway is online."""
         await self._subscribe(client)
-        if self._backlog is not None:
-            if self._plant is not self.gateway.plant:
-                await self._change(client)
-            await self._send_waiting(client)
+        await self._send_waiting(client)
         for topic, key in self._keys.items():
             if key not in self.gateway.values.latest:
                 await client.publish(topic, unread_payload(self._plant, key), retain=True)
@@ -232,8 +245,6 @@ class Mqtt:
             end_if_cancelled()
             await self._wake.wait()
             self._wake.clear()
-            if self._plant is not self.gateway.plant:
-                await self._change(client)
             await self._send_waiting(client)
             await asyncio.sleep(TOGETHER)
 
@@ -247,19 +258,36 @@ class Mqtt:
                 self._published[key] = update
                 self._backlog.add(topic, update)
 
+    def _has_changed(self) -> bool:
+        """Whether the plant file was read again."""
+        return self._plant is not self.gateway.plant
+
     async def _send_waiting(self, client: aiomqtt.Client) -> None:
-        """Together what waits: one alone costs several times as much of the loop."""
-        if self._backlog is not None:
-            await self._backlog.deliver(client, self.topics, self._keys)
-        while self._waiting:
+        """What waits now; what comes meanwhile gathers for the next time."""
+        while True:
+            if self._has_changed():
+                await self._change(client)
+            if self._backlog is None:
+                await self._send_newest(client)
+            else:
+                await self._backlog.deliver(client, self.topics, self._keys, self._has_changed)
+            if not self._has_changed():
+                return
+
+    async def _send_newest(self, client: aiomqtt.Client) -> None:
+        """Together: one alone costs several times as much of the loop."""
+        while self._waiting and not self._has_changed():
             states: list[tuple[str, str, bool]] = []
-            for key in list(islice(self._waiting, AT_ONCE)):
+            keys = list(islice(self._waiting, AT_ONCE))
+            for key in keys:
                 update = self._waiting.pop(key)
                 topic = self.topics.state(key)
                 if topic in self._keys:
                     self._published[key] = update
                     states.append((topic, state_payload(update), True))
             await publish_together(client, states)
+            if len(keys) < AT_ONCE:
+                return
             await asyncio.sleep(0)  # publishing may not wait, and others want to run
 
     async def _change(self, client: aiomqtt.Client) -> None:
@@ -306,7 +334,8 @@ class Mqtt:
         async for message in client.messages:
             topic = str(message.topic)
             if self.settings.commands and self.topics.is_command(topic):
-                self._begin(client, command_of(topic, message))
+                key = self._keys.get(topic.removesuffix("/set"))
+                self._commands.begin(client, command_of(topic, message), key)
             elif message.retain and message.payload and self._is_orphan(topic):
                 await client.publish(topic, b"", qos=1, retain=True)
                 end_if_cancelled()
@@ -314,55 +343,3 @@ class Mqtt:
     def _is_orphan(self, topic: str) -> bool:
         """Whether what the broker has kept there is of a point that was."""
         return topic not in self._keys and topic not in self._discovery
-
-    def _begin(self, client: aiomqtt.Client, command: Command) -> None:
-        task = asyncio.create_task(self._answer(client, command))
-        self._commands.add(task)
-        task.add_done_callback(self._commands.discard)
-
-    async def _answer(self, client: aiomqtt.Client, command: Command) -> None:
-        """Carry out a command, and say what came of it where that is wanted."""
-        key = self._keys.get(command.topic.removesuffix("/set"))
-        try:
-            answer = done(key, await self._obey(command, key))
-        except Error as error:
-            answer = failed(key, command.text, error)
-        if command.response is None or not self._may_answer(command.response):
-            return
-        properties = answer_properties(command.correlation)
-        with contextlib.suppress(aiomqtt.MqttError):  # then the log has what came of it
-            await client.publish(command.response, answer, qos=1, properties=properties)
-
-    async def _obey(self, command: Command, key: Key | None) -> Written:
-        """Commands to a device come one after the other. Raises what `Gateway.write` raises."""
-        now = asyncio.get_running_loop().time
-        until = now() + (command.expiry or 0)
-        device, point = key or (command.topic, "")
-        told = {"who": WHO, "origin": f"mqtt {self._broker}"}
-        async with (
-            self._turns.setdefault(device, asyncio.Lock()) if key else contextlib.nullcontext()
-        ):
-            try:
-                why = self._refusal(command, key)
-                if why is None and now() > until:
-                    why = "it expired while others before it were carried out"
-                if why is not None:
-                    raise UsageError(why)
-                value = command.number()
-            except UsageError as error:
-                self.gateway.refuse(device, point, command.text, str(error), **told)
-                raise
-            return await self.gateway.write(device, point, value, **told)
-
-    def _refusal(self, command: Command, key: Key | None) -> str | None:
-        """Why a command is not carried out, whatever it says."""
-        if key is None:
-            return f"{command.topic} is the topic of no point"
-        if command.response is not None and not self._may_answer(command.response):
-            return f"{command.response!r} is no topic for an answer"
-        if len(self._commands) > MOST_AT_ONCE:
-            return f"{MOST_AT_ONCE} commands are under way already"
-        return command.refusal()
-
-    def _may_answer(self, response: str) -> bool:
-        return may_answer(response, self.topics.base, self.settings.discovery)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response, StreamingResponse
@@ -122,9 +123,8 @@ class Api:
     # -- reading -----------------------------------------------------------------------------
 
     async def health(self, request: Request) -> Response:
-        lines = self.gateway.line_health()
-        lost = [line.name for line in lines if line.lost is not None]
-        return JSONResponse({"status": "degraded" if lost else "ok", "lines_lost": len(lost)})
+        status, body = shapes.health(self.gateway)
+        return JSONResponse(body, status)
 
     async def metrics(self, request: Request) -> Response:
         return PlainTextResponse(metrics.text(self.gateway), media_type=metrics.CONTENT)
@@ -227,28 +227,39 @@ class Api:
     # -- as it comes -------------------------------------------------------------------------
 
     async def events(self, request: Request) -> Response:
-        return self._stream(self._events(self._devices(request)))
+        return self._stream(request, self._events(self._devices(request)))
 
     async def frames(self, request: Request) -> Response:
         name = request.path_params["line"]
         if name not in self.gateway.lines:
             raise Refused(404, f"there is no line {name!r}")
-        return self._stream(self._frames(Watch(self.gateway.lines[name])))
+        return self._stream(request, self._frames(Watch(self.gateway.lines[name])))
 
-    def _stream(self, events: AsyncIterator[str]) -> Response:
+    def _stream(self, request: Request, events: AsyncGenerator[str, None]) -> Response:
         if self._streams >= MOST_LISTENERS:
             raise Refused(429, f"{MOST_LISTENERS} listen already")
-        return StreamingResponse(self._counted(events), media_type=EVENT_STREAM)
+        return StreamingResponse(self._counted(request, events), media_type=EVENT_STREAM)
 
-    async def _counted(self, events: AsyncIterator[str]) -> AsyncIterator[str]:
+    async def _counted(
+        self, request: Request, events: AsyncGenerator[str, None]
+    ) -> AsyncGenerator[str, None]:
+        """Until its end, or until the token counts no longer."""
+        now = asyncio.get_running_loop().time
         self._streams += 1
+        asked = now()
         try:
-            async for event in events:
-                yield event
+            async with contextlib.aclosing(events):
+                async for event in events:
+                    if now() - asked >= STATUS_EVERY:
+                        asked = now()
+                        self._access.who(request.headers, Right.READ)
+                    yield event
+        except (Refused, UsageError):  # the answer has begun: there is no other way to say so
+            return
         finally:
             self._streams -= 1
 
-    async def _events(self, devices: frozenset[str] | None) -> AsyncIterator[str]:
+    async def _events(self, devices: frozenset[str] | None) -> AsyncGenerator[str, None]:
         """First all values, then those that change; `plant` where the plant file was read again."""
         loop = asyncio.get_running_loop()
         number, plant, next_status = 0, self.gateway.plant, loop.time()
@@ -274,7 +285,7 @@ class Api:
             self._status = now, json.dumps(shapes.status(self.gateway), allow_nan=False)
         return self._status[1]
 
-    async def _frames(self, watch: Watch) -> AsyncIterator[str]:
+    async def _frames(self, watch: Watch) -> AsyncGenerator[str, None]:
         async for found in watch.pieces():
             if self.live.closed:
                 return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from typing import Any, cast
+from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
@@ -66,9 +66,10 @@ class Backups:
     @property
     def _passports(self) -> Passports:
         """Raises `Refused` where none are kept."""
-        if "passports" not in self._gateway.parts:
+        passports = self._gateway.part(Passports)
+        if passports is None:
             raise Refused(404, "no passports are kept: [passports] is not in the plant file")
-        return cast("Passports", self._gateway.parts["passports"])
+        return passports
 
     def _known(self, device: str) -> str:
         """Raises `Refused`."""

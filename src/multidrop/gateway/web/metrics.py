@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from importlib.metadata import version
-from typing import TYPE_CHECKING, cast
 
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.history.part import History, HistoryState
 from multidrop.io.poller import Quality
-
-if TYPE_CHECKING:
-    from multidrop.gateway.mqtt.outbox import MqttState
-    from multidrop.gateway.mqtt.part import Mqtt
 
 CONTENT = "text/plain; version=0.0.4; charset=utf-8"
 
@@ -30,12 +24,10 @@ def _lines(gateway: Gateway) -> Iterator[str]:
     yield from _of_lines(gateway)
     yield from _of_devices(gateway)
     yield from _of_points(gateway)
-    history = gateway.parts.get("history")
-    if isinstance(history, History):
-        yield from _of_history(history.state)
-    mqtt = gateway.parts.get("mqtt")
-    if mqtt is not None:
-        yield from _of_mqtt(cast("Mqtt", mqtt).state)
+    for part in gateway.telling():
+        for name, kind, meaning, value in part.metrics():
+            if value is not None:
+                yield from _metric(name, kind, meaning, [({}, value)])
 
 
 def _of_lines(gateway: Gateway) -> Iterator[str]:
@@ -125,31 +117,6 @@ def _of_points(gateway: Gateway) -> Iterator[str]:
             for quality, count in by_quality.items()
         ],
     )
-
-
-def _of_history(state: HistoryState) -> Iterator[str]:
-    for name, kind, meaning, value in (
-        ("up", "gauge", "whether history is being written", float(state.error is None)),
-        ("waiting_samples", "gauge", "samples that are not in the database yet", state.waiting),
-        ("lost_samples_total", "counter", "samples that had no room to wait", state.lost),
-        (
-            "outbox_hours",
-            "gauge",
-            "how long the database server may be away at the present rate",
-            state.hours,
-        ),
-    ):
-        yield from _metric(f"history_{name}", kind, meaning, [({}, value)])
-
-
-def _of_mqtt(state: MqttState) -> Iterator[str]:
-    for name, meaning, value in (
-        ("up", "whether the broker takes what comes", float(state.error is None)),
-        ("waiting_states", "states that the broker has not confirmed", state.waiting),
-        ("outbox_hours", "how long the broker may be away at the present rate", state.hours),
-    ):
-        if value is not None:
-            yield from _metric(f"mqtt_{name}", "gauge", meaning, [({}, value)])
 
 
 def _metric(name: str, kind: str, meaning: str, samples: Iterable[Sample]) -> Iterator[str]:

@@ -10,7 +10,7 @@ import io
 import re
 from collections.abc import AsyncIterator, Sequence
 from datetime import UTC, datetime
-from typing import Any, cast
+from typing import Any
 
 from multidrop.errors import UsageError
 from multidrop.gateway.faults.freeze_frames import FreezeFrame
@@ -35,9 +35,10 @@ CSV = "text/csv; charset=utf-8"
 
 def history_of(gateway: Gateway) -> History:
     """Raises `Refused` where none is kept."""
-    if "history" not in gateway.parts:
+    history = gateway.part(History)
+    if history is None:
         raise Refused(404, "no history is kept: [history] is not in the plant file")
-    return cast("History", gateway.parts["history"])
+    return history
 
 
 def time_of(text: str | None, name: str) -> float:
@@ -130,9 +131,10 @@ def _row(cells: Sequence[Any]) -> str:
 
 def faults_of(gateway: Gateway) -> Faults:
     """Raises `Refused` where none are kept."""
-    if "faults" not in gateway.parts:
+    faults = gateway.part(Faults)
+    if faults is None:
         raise Refused(404, "no freeze-frames are kept: [faults] is not in the plant file")
-    return cast("Faults", gateway.parts["faults"])
+    return faults
 
 
 def trips(gateway: Gateway, device: str | None) -> list[dict[str, Any]]:

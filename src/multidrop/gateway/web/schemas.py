@@ -38,7 +38,14 @@ WRITE: Schema = {
 
 SCHEMAS: dict[str, Schema] = {
     "Failure": fields(error=fields(kind=TEXT, code=maybe(WHOLE), text=TEXT)),
-    "Health": fields(status={"type": "string", "enum": ["ok", "degraded"]}, lines_lost=WHOLE),
+    "Health": fields(
+        status={"type": "string", "enum": ["ok", "degraded", "failing"]},
+        lines_lost=WHOLE,
+        parts={
+            "type": "object",
+            "additionalProperties": {"type": "string", "enum": ["ok", "waiting", "failing"]},
+        },
+    ),
     "Plant": fields(lines=listed(ref("Line")), parts=listed(TEXT)),
     "Line": fields(name=TEXT, port=TEXT, devices=listed(ref("Device"))),
     "Device": fields(
@@ -60,6 +67,7 @@ SCHEMAS: dict[str, Schema] = {
         every=NUMBER,
         names={"type": "object", "additionalProperties": TEXT},
         bits=listed(TEXT),
+        hexadecimal=YES_NO,
         write={"anyOf": [ref("Limits"), {"type": "null"}]},
     ),
     "Limits": fields(min=NUMBER, max=NUMBER, rate=NUMBER, motion=YES_NO),
@@ -67,6 +75,9 @@ SCHEMAS: dict[str, Schema] = {
         now=TIME,
         history=maybe(fields(error=maybe(TEXT), waiting=WHOLE, lost=WHOLE, hours=maybe(NUMBER))),
         mqtt=maybe(fields(error=maybe(TEXT), waiting=maybe(WHOLE), hours=maybe(NUMBER))),
+        troubles=listed(
+            fields(part=TEXT, text=TEXT, since=TIME, losing=YES_NO, hours=maybe(NUMBER))
+        ),
         lines=listed(
             fields(
                 name=TEXT,

@@ -97,10 +97,11 @@ def _as_json(request: Request, error: Exception) -> Response:
 def bound(place: Place) -> Iterator[socket.socket]:
     """A socket at this place. Raises `PortError`."""
     try:
-        family, *_, address = socket.getaddrinfo(
+        family, kind, protocol, _, address = socket.getaddrinfo(
             place.host, place.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-        listening = socket.socket(family, socket.SOCK_STREAM)
+        # asyncio lets an event go at once, and not 40 ms later, only where a socket says it is TCP
+        listening = socket.socket(family, kind, protocol)
     except OSError as error:
         raise PortError(f"http.listen {place.host}: {error.strerror}") from None
     with listening:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from json import JSONEncoder
 from math import isfinite
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 from multidrop.errors import (
     DeviceError,
@@ -18,8 +18,8 @@ from multidrop.errors import (
     UsageError,
 )
 from multidrop.gateway.gateway import Gateway
-from multidrop.gateway.history.part import History
 from multidrop.gateway.line import plain
+from multidrop.gateway.parts import TELLING
 from multidrop.gateway.passports import Busy, NoPassport, NotKept, Passports, Taking
 from multidrop.gateway.permission import NotAllowed
 from multidrop.gateway.polled import polled, role_of, target_of
@@ -29,9 +29,6 @@ from multidrop.io.audit import jsonable, shown
 from multidrop.plantfile import PlantDevice
 from multidrop.points import Point, Reading, Role, Value
 from multidrop.writing import Written
-
-if TYPE_CHECKING:
-    from multidrop.gateway.mqtt.part import Mqtt
 
 FAILURES: tuple[tuple[type[Error], int], ...] = (
     (NotAllowed, 403),
@@ -129,6 +126,7 @@ def point(found: PlantDevice, name: str, every: float, known: Point) -> dict[str
         "every": every,
         "names": dict(description.names) if description else {},
         "bits": list(description.bits) if description else [],
+        "hexadecimal": description is not None and description.hexadecimal,
         "write": write,
     }
 
@@ -199,22 +197,51 @@ def read_now(device_name: str, reading: Reading) -> dict[str, Any]:
 
 
 def status(gateway: Gateway) -> dict[str, Any]:
-    """Every line and device: whether it answers, how full, what was counted; how history and the broker are."""
-    history, mqtt = gateway.parts.get("history"), gateway.parts.get("mqtt")
+    """Every line and device: whether it answers, how full, what was counted; how the parts are."""
     return {
         "now": now(),
-        "history": plain(history.state) if isinstance(history, History) else None,
-        "mqtt": plain(cast("Mqtt", mqtt).state) if mqtt is not None else None,
+        **dict.fromkeys(TELLING),
+        **{part.name: plain(part.state) for part in gateway.telling()},
+        "troubles": troubles(gateway),
         "lines": [plain(line) for line in gateway.line_health()],
         "devices": [plain(gateway.device_health(name)) for name in gateway.plant.devices],
         "readings": readings(gateway),
     }
 
 
+def troubles(gateway: Gateway) -> list[dict[str, Any]]:
+    """What is not recorded or not delivered now."""
+    found = [(part.name, part.trouble) for part in gateway.telling()]
+    return [
+        {
+            "part": name,
+            "text": trouble.text,
+            "since": utc(trouble.since),
+            "losing": trouble.losing,
+            "hours": trouble.hours,
+        }
+        for name, trouble in found
+        if trouble is not None
+    ]
+
+
+def health(gateway: Gateway) -> tuple[int, dict[str, Any]]:
+    """HTTP status and body. Whoever reaches the server may ask, so no error stands in it."""
+    lost = sum(line.lost is not None for line in gateway.line_health())
+    parts: dict[str, str] = {}
+    for part in gateway.telling():
+        trouble = part.trouble
+        parts[part.name] = "ok" if trouble is None else "failing" if trouble.losing else "waiting"
+    failing = "failing" in parts.values()
+    well = not lost and set(parts.values()) <= {"ok"}
+    word = "failing" if failing else "ok" if well else "degraded"
+    return 503 if failing else 200, {"status": word, "lines_lost": lost, "parts": parts}
+
+
 def readings(gateway: Gateway) -> list[dict[str, Any]]:
     """How far the last reading of all points of each device is."""
-    passports = gateway.parts.get("passports")
-    if not isinstance(passports, Passports):
+    passports = gateway.part(Passports)
+    if passports is None:
         return []
     return [
         taking(item) for name, item in passports.takings.items() if name in gateway.plant.devices

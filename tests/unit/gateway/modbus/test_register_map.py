@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from multidrop.catalog import load_profile
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.modbus.register_map import (
     BLOCK,
     REGISTERS,
@@ -85,7 +85,7 @@ def test_a_file_that_a_person_wrote_counts(tmp_path: Path) -> None:
 
 
 def test_a_map_that_cannot_be_kept_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="the register map must be kept"):
+    with pytest.raises(PortError, match="the register map must be kept"):
         keep_map(plant(TWO), tmp_path / "nowhere" / "registers.csv")
     with pytest.raises(UsageError, match="directory"):
         keep_map(plant(TWO), tmp_path)

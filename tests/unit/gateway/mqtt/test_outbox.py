@@ -12,7 +12,7 @@ from typing import Any, cast
 import aiomqtt
 import pytest
 
-from multidrop.errors import UsageError
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.history.packing import pack
 from multidrop.gateway.history.records import Batch, Span
 from multidrop.gateway.mqtt import outbox as mqtt_outbox
@@ -392,6 +392,6 @@ def test_what_are_no_states_is_not_published(tmp_path: Path, data: bytes) -> Non
 def test_where_nothing_can_be_written_it_is_said_at_once(tmp_path: Path) -> None:
     outbox = Outbox(tmp_path / "outbox.db", ROOM)
     outbox._file.execute("PRAGMA query_only = 1")
-    with pytest.raises(UsageError, match="no outbox can be kept here"):
+    with pytest.raises(PortError, match="no outbox can be kept here"):
         Backlog(outbox)
     outbox.close()

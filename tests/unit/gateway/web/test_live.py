@@ -97,7 +97,7 @@ async def test_what_comes_between_two_who_ask_is_not_lost(plant: Plant) -> None:
 async def test_a_point_that_is_no_longer_polled_is_not_told(plant: Plant) -> None:
     plant.say("a", "x", 1)
     plant.say("a", "y", 2)
-    plant.values.keep_only([("a", "y")])
+    plant.values.keep_only({("a", "y"): plant.values.latest["a", "y"].polled.point})
     assert plant.since(0)[1] == [("a/y", 2)]
 
 

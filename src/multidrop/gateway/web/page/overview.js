@@ -1,7 +1,8 @@
-// The plant at a glance: lines with how full they are, devices with their first points.
+// The plant at a glance: what goes wrong with records, lines with how full they are, devices with their first points.
 
-import { h, mark, number, percent, say, shown, sparkline } from "./dom.js";
+import { h, hex, mark, number, percent, say, shown, sparkline } from "./dom.js";
 import { key, state, store, trust } from "./store.js";
+import { troublesNode } from "./troubles.js";
 
 const FIRST = 4; // points of a device that its card shows
 
@@ -15,8 +16,9 @@ export function valueNode() {
     node,
     draw(point, value, past) {
       const known = value?.value;
-      const named = value?.meaning && point.names && Object.keys(point.names).length > 0;
-      say(text, named ? "" : shown(known, past?.decimals ?? 3, point.unit));
+      const named = value?.meaning && Object.keys(point.names).length > 0;
+      const code = point.hexadecimal && Number.isInteger(known);
+      say(text, named ? "" : code ? hex(known) : shown(known, past?.decimals ?? 3, point.unit));
       say(unit, !named && known !== null && known !== undefined ? point.unit ?? "" : "");
       say(name, named ? value.meaning : "");
     },
@@ -116,10 +118,12 @@ export function overview() {
   const node = h("div");
   let sections = [];
   const summary = h("p", { class: "dim" });
+  const troubles = troublesNode();
   function build() {
     sections = store.plant.lines.map(section);
     node.replaceChildren(
       h("div", { class: "head" }, h("h1", {}, "Plant"), summary),
+      troubles.node,
       ...sections.map((one) => one.node));
     if (!sections.length) node.append(h("p", { class: "empty" }, "This plant has no lines."));
   }
@@ -129,6 +133,7 @@ export function overview() {
     node,
     draw({ plant }) {
       if (plant) build();
+      troubles.draw();
       for (const one of sections) one.draw();
       const states = [...store.devices.values()].map((device) => state(device).kind);
       const well = states.filter((kind) => kind === "good").length;

@@ -13,6 +13,8 @@ export const store = {
   past: new Map(), // the same -> {times, values, decimals}
   lines: new Map(), // name -> health
   health: new Map(), // device name -> health
+  kept: {}, // part -> how it keeps or delivers what comes: history, mqtt
+  troubles: [], // what is not recorded or not delivered, as /api/status has it
   readings: new Map(), // device name -> the last reading of all its points
   lost: null, // since when, ms of this clock
   why: null,
@@ -126,6 +128,8 @@ const EVENTS = {
     if (offsets.length > 30) offsets.shift();
     store.lines = new Map(status.lines.map((line) => [line.name, line]));
     store.health = new Map(status.devices.map((device) => [device.name, device]));
+    store.kept = { history: status.history, mqtt: status.mqtt };
+    store.troubles = status.troubles;
     store.readings = new Map(status.readings.map((one) => [one.device, one]));
     changed();
     remember();
