@@ -25,7 +25,7 @@ def tell(text: str, *, err: bool = False, fg: str | None = None) -> None:
     it are not left away.
     """
     with contextlib.suppress(BrokenPipeError):
-        click.secho(text, err=err, fg=fg)
+        click.echo(click.style(text, fg=fg) if fg else text, err=err)
 
 
 def utc(time: datetime) -> str:
