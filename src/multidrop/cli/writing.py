@@ -141,6 +141,7 @@ def facts(device: str, record: Written) -> dict[str, Any]:
 
 
 def show_record(record: Written) -> None:
+    """A write for a person: `kp (0x011)   4 -> 5   confirmed`, and what went wrong."""
     point = record.point
     old = None if record.old is None else shown_value(point.physical(record.old.value))
     if record.error is None and record.outcome is not Outcome.NOT_SENT:
