@@ -83,16 +83,24 @@ def run(file: str | None, json: bool) -> None:
 
 
 class Said:
-    """What is printed: for people what listens where and what has changed, else every update."""
+    """What is printed: for people what listens where and what has changed, else every update.
+
+    What people cannot be told, since their terminal is gone, stops no gateway;
+    a program that reads the updates no longer does.
+    """
 
     def __init__(self, json: bool) -> None:
         self._json = json
 
     def ready(self, text: str) -> None:
-        click.echo(text, err=self._json)
+        self._tell(text, err=self._json)
 
     def news(self, text: str) -> None:
-        click.echo(text, err=True)
+        self._tell(text, err=True)
+
+    def _tell(self, text: str, *, err: bool) -> None:
+        with contextlib.suppress(OSError):
+            click.echo(text, err=err)
 
     def update(self, update: Update) -> None:
         """A listener of `Values`."""
