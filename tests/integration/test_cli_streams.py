@@ -210,6 +210,29 @@ def test_what_fails_is_no_success_because_nobody_reads(
     assert piped(command, plant.device("flexmax:5", timeout=0.05), *json) == 4
 
 
+def test_a_difference_is_one_though_nobody_reads_it(fresh: Address, tmp_path: Path) -> None:
+    drive, passport = fresh.device("ax-v:2"), str(tmp_path / "winder.toml")
+    assert multidrop("backup", drive, "-o", passport).status == 0
+    assert piped("diff", passport, drive) == 0
+    assert multidrop("write", drive, "1111=7").status == 0
+    assert piped("diff", passport, drive) == 1
+    assert piped("diff", passport, drive, "--json") == 1
+
+
+def test_drift_is_one_though_nobody_reads_of_it(fresh: Address, tmp_path: Path) -> None:
+    plant = tmp_path / "multidrop.toml"
+    plant.write_text(PLANT.replace("PORT", fresh.port), encoding="utf-8")
+    assert multidrop("watch-drift", str(plant), "--save").status == 0
+    assert multidrop("write", fresh.device("ax-v:2"), "1111=7").status == 0
+    assert piped("watch-drift", str(plant)) == 1
+    assert piped("watch-drift", str(plant), "--every", "0.1") == 0  # it ends: nobody is there
+
+
+def test_a_verdict_is_one_though_nobody_reads_it(plant: Simulator) -> None:
+    asked = ("--times", "1", "--seconds", "0")
+    assert piped("doctor", plant.device("flexmax:5", timeout=0.05), *asked) == 4
+
+
 def test_output_of_which_the_beginning_is_enough() -> None:
     done = in_shell('"$@" | head -n 1', "points", "53mc5000")
     assert (done.returncode, done.stderr) == (0, "")
