@@ -28,9 +28,9 @@ def terminal_output() -> str:
     """What `multidrop demo` writes to a terminal."""
     child, terminal = pty.fork()
     if child == 0:
-        command = str(Path(sys.executable).parent / "multidrop")
-        os.environ.update(TERM="xterm-256color", COLUMNS=str(COLUMNS), LINES=str(LINES))
-        os.execv(command, ["multidrop", "demo", "--terminal", "--seconds", str(SECONDS)])
+        found = f"{Path(sys.executable).parent}:{os.environ['PATH']}"  # else it shows its own path
+        os.environ.update(PATH=found, TERM="xterm-256color", COLUMNS=str(COLUMNS), LINES=str(LINES))
+        os.execvp("multidrop", ["multidrop", "demo", "--terminal", "--seconds", str(SECONDS)])
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", LINES, COLUMNS, 0, 0))
     written = bytearray()
     while True:

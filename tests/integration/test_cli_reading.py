@@ -384,3 +384,20 @@ def test_nothing_is_left_behind(plant: Simulator) -> None:
         reading.end(signal.SIGKILL)
     assert multidrop("read", plant.device("ax-v:2"), "1009").status == 0
     assert not os.path.exists("multidrop.toml")
+
+
+@pytest.mark.parametrize(
+    ("options", "ready"),
+    [(("--terminal",), "axis motor_position"), (("--http", "127.0.0.1:0"), "http://127.0.0.1:")],
+)
+def test_the_demo_ends_with_its_terminal(
+    options: tuple[str, ...], ready: str, tmp_path: Path
+) -> None:
+    """A window that is closed leaves no plant behind, and no files."""
+    asked = ("demo", "--listen", "tcp://127.0.0.1:0", *options)
+    with running(*asked, TMPDIR=str(tmp_path)) as demo:
+        demo.wait_for(ready)
+        ran = demo.end(signal.SIGHUP)
+    assert ran.status == 130
+    assert "Traceback" not in ran.err
+    assert list(tmp_path.iterdir()) == []

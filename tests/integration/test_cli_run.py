@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import pty
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +24,7 @@ from integration.processes import (
     environment,
     multidrop,
     running,
+    simulator,
 )
 from integration.threads import served
 from multidrop.protocols import slink3
@@ -211,3 +215,34 @@ def test_a_reader_that_goes_away_ends_it(site: Plant) -> None:
     )
     assert (done.returncode, len(done.stdout.splitlines())) == (0, 3)
     assert "Traceback" not in done.stderr
+
+
+def test_it_goes_on_when_its_terminal_is_gone(tmp_path: Path) -> None:
+    """Started by hand over a connection that breaks: what it has to say goes nowhere."""
+    terminal, other = pty.openpty()
+    with simulator("flexmax:0") as address:
+        (tmp_path / "multidrop.toml").write_text(text_for(address) + "[history]\n")
+        started = subprocess.Popen(
+            [COMMAND, "run"],
+            cwd=tmp_path,
+            env=environment(),
+            stdin=other,
+            stdout=other,
+            stderr=other,
+        )
+        os.close(other)
+        said = b""
+        while b"polling" not in said:
+            said += os.read(terminal, 1000)
+        time.sleep(0.5)  # it polls
+        os.close(terminal)
+    try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            started.wait(1.5)  # the port is lost, which would be said
+        started.terminate()
+        assert started.wait(PATIENCE) == 0
+    finally:
+        started.kill()
+        started.wait()
+    recorded = multidrop("history", "export", "infeed", "feed", cwd=tmp_path).out
+    assert recorded.splitlines()[-1].split(",")[2] in ("port lost", "no reply")  # it saw that

@@ -121,6 +121,16 @@ def test_broadcast(fresh: Address, audit: Path) -> None:
     assert [line["outcome"] for line in lines] == ["confirmed", "confirmed"]
 
 
+def test_a_slave_that_is_named_twice_is_asked_once(fresh: Address) -> None:
+    """Asked again it would not know of the broadcast any more: NO."""
+    ran = multidrop("broadcast", f"flexmax@{fresh.port}", "8236:int16=5", "--verify", "0,1,0")
+    assert ran.status == 0
+    assert [line.split() for line in ran.out.splitlines()] == [
+        ["0", "received", "yes", "applied", "yes"],
+        ["1", "received", "yes", "applied", "yes"],
+    ]
+
+
 def test_broadcast_as_json(fresh: Address) -> None:
     ran = multidrop("broadcast", f"ax-v@{fresh.port}", "1111=7", "--verify", "2", "--json")
     assert ran.status == 0

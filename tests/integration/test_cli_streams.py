@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from pathlib import Path
 
@@ -51,6 +52,14 @@ def test_output_that_nothing_takes(plant: Simulator) -> None:
     done = in_shell('"$@" >/dev/full', "read", plant.device("ax-v:2"), "1009")
     assert done.returncode == 1
     assert done.stderr == "the output could not be written: No space left on device\n"
+
+
+@needs_dev_full
+def test_much_output_that_nothing_takes(odd_unit: Path) -> None:
+    done = in_shell(f'"$@" {odd_unit}/c >/dev/full', "decode")
+    assert done.returncode == 1
+    assert "the output could not be written: No space left on device\n" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 @needs_dev_full
@@ -162,3 +171,68 @@ def test_a_locale_that_knows_no_bars(monkeypatch: pytest.MonkeyPatch, plant: Sim
         monkeypatch.setenv(name, value)
     assert "speed_setpoint" in multidrop("points", "flexmax").out
     assert "125" in multidrop("read", plant.device("ax-v:2"), "1009").out
+
+
+def piped(*arguments: str) -> int:
+    """The exit status of a command whose output nobody reads, not even what went wrong."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [COMMAND, *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=writer,
+        stderr=writer,
+        timeout=PATIENCE,
+        env=environment(),
+        check=False,
+    )
+    os.close(writer)
+    return done.returncode
+
+
+def test_writes_go_on_and_their_status_counts_though_nobody_reads(fresh: Address) -> None:
+    drive = fresh.device("flexmax:0")
+    assert piped("write", drive, "8236=5", "speed_setpoint=7") == 0
+    assert " 7 rpm " in multidrop("read", drive, "speed_setpoint").out
+    assert piped("write", drive, "8236=6", "9999:int16=1", "speed_setpoint=8") == 3
+    assert piped("write", drive, "8236=6", "9999:int16=1", "speed_setpoint=8", "--json") == 3
+    assert " 7 rpm " in multidrop("read", drive, "speed_setpoint").out
+    assert piped("raw", drive, "99", "00") == 3
+    assert piped("raw", drive, "99", "00", "--json") == 3
+    assert piped("broadcast", f"flexmax@{fresh.port}", "8236=3", "--verify", "0,1") == 0
+
+
+@pytest.mark.parametrize("json", [(), ("--json",)], ids=["text", "json"])
+@pytest.mark.parametrize("command", ["status", "clear-faults", "reset-comm"])
+def test_what_fails_is_no_success_because_nobody_reads(
+    plant: Simulator, command: str, json: tuple[str, ...]
+) -> None:
+    assert piped(command, plant.device("flexmax:5", timeout=0.05), *json) == 4
+
+
+def test_a_difference_is_one_though_nobody_reads_it(fresh: Address, tmp_path: Path) -> None:
+    drive, passport = fresh.device("ax-v:2"), str(tmp_path / "winder.toml")
+    assert multidrop("backup", drive, "-o", passport).status == 0
+    assert piped("diff", passport, drive) == 0
+    assert multidrop("write", drive, "1111=7").status == 0
+    assert piped("diff", passport, drive) == 1
+    assert piped("diff", passport, drive, "--json") == 1
+
+
+def test_drift_is_one_though_nobody_reads_of_it(fresh: Address, tmp_path: Path) -> None:
+    plant = tmp_path / "multidrop.toml"
+    plant.write_text(PLANT.replace("PORT", fresh.port), encoding="utf-8")
+    assert multidrop("watch-drift", str(plant), "--save").status == 0
+    assert multidrop("write", fresh.device("ax-v:2"), "1111=7").status == 0
+    assert piped("watch-drift", str(plant)) == 1
+    assert piped("watch-drift", str(plant), "--every", "0.1") == 0  # it ends: nobody is there
+
+
+def test_a_verdict_is_one_though_nobody_reads_it(plant: Simulator) -> None:
+    asked = ("--times", "1", "--seconds", "0")
+    assert piped("doctor", plant.device("flexmax:5", timeout=0.05), *asked) == 4
+
+
+def test_output_of_which_the_beginning_is_enough() -> None:
+    done = in_shell('"$@" | head -n 1', "points", "53mc5000")
+    assert (done.returncode, done.stderr) == (0, "")

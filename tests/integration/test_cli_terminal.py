@@ -134,6 +134,12 @@ def test_errors_are_red_on_a_terminal_alone(plant: Simulator) -> None:
     assert "\x1b" not in multidrop("read", plant.device("flexmax:1"), "9999:int16").err
 
 
+def test_what_is_well_has_no_colour(fresh: Address) -> None:
+    with on_terminal("write", fresh.device("ax-v:2"), "1111=5", "--yes") as terminal:
+        assert terminal.ended() == 0
+        assert b"\x1b" not in terminal.raw
+
+
 @pytest.mark.parametrize("where", ["stdin", "stderr"])
 def test_half_a_terminal_is_nobody_to_ask(plant: Simulator, where: str) -> None:
     """Questions are asked only where both standard input and standard error are terminals."""

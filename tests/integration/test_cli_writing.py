@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
 import pytest
 
-from integration.processes import Address, Simulator, multidrop
+from integration.processes import (
+    COMMAND,
+    Address,
+    Running,
+    Simulator,
+    multidrop,
+    running,
+    simulator,
+)
 from integration.servers import Connected, Server, answering, reply_to, serving
 from integration.ways import state_of, value_of
 from integration.writes import READ, WRITE, WRITTEN, Memory, logged, written_to
@@ -295,3 +304,31 @@ def test_a_read_only_point_and_force(fresh: Address) -> None:
     assert "by an inferred rule, so it is read-only; --force writes it" in ran.err
     assert multidrop("write", device, "p44:int16=5", "--force").status == 0
     assert value_of(device, "p44") == 5
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_write_that_is_broken_off_is_recorded(audit: Path, number: signal.Signals) -> None:
+    """By Ctrl-C, by a service's end, by a terminal that is closed: it went out, so the log has it."""
+    with simulator("ax-v:2", "--delay", "1000") as line:
+        device = line.device("ax-v:2")
+        with running("write", device, "1111=7", "1009=8", "--trace") as program:
+            program.wait_for("write typed parameter")
+            ran = program.end(number)
+    assert ran.status == 7
+    assert ran.out.splitlines()[0].endswith("unknown")
+    assert "look at the device before you write again" in ran.err
+    (entry,) = logged(audit)
+    assert (entry["point"], entry["asked"], entry["outcome"]) == ("1111", 7, "unknown")
+
+
+def test_a_hang_up_that_is_ignored_stays_ignored() -> None:
+    """`nohup multidrop ...`"""
+    with simulator("ax-v:2") as line:
+        asked = f"trap '' HUP; exec {COMMAND} read {line.device('ax-v:2')} 1009 --every 0.05"
+        program = Running("sh", "-c", asked)
+        try:
+            program.wait_for("125")
+            program.process.send_signal(signal.SIGHUP)
+            program.wait_for("125")
+        finally:
+            assert program.interrupt().status == 130

@@ -271,6 +271,26 @@ def test_another_address_takes_the_passport_and_keeps_its_address(
             assert roles <= {Role.COMMUNICATION, Role.IDENTITY}
 
 
+def test_what_takes_only_non_volatile_writes_is_restored_there(tmp_path: Path) -> None:
+    """An Ultra3000's address and baud rate: `--include communication` means them too."""
+    passport, undo = tmp_path / "a.toml", tmp_path / "undo.toml"
+    asked = ("--include", "communication", "--yes", "--undo", str(undo))
+    with on_a_line("ultra3000", 3) as bench:
+        with bench.connect() as device:
+            before = backup(device)
+            address = before.points["0x052"]
+            points = {**before.points, "0x052": replace(address, value=9, raw="09")}
+            save(replace(before, points=points), passport)
+        shown = bench.run("restore", str(passport), bench.name, *asked)
+        assert "drive_address (0x052@nv)         3 -> 9\n" in shown
+        assert "drive_address (0x052@nv)         9   restored" in shown
+        with bench.connect() as device:
+            assert device.read("0x052@nv").value == 9
+        bench.run("restore", str(undo), bench.name, "--include", "communication", "--yes")
+        with bench.connect() as device:
+            assert device.read("0x052@nv").value == 3
+
+
 def test_a_device_that_runs_is_left_alone(bench: Bench, tmp_path: Path) -> None:
     passport = tmp_path / "a.toml"
     with bench.connect() as device:

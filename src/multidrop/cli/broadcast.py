@@ -8,7 +8,7 @@ import click
 
 from multidrop.cli.failures import failure_as_line, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.cli.words import json_line
+from multidrop.cli.words import json_line, tell
 from multidrop.cli.writing import facts, parse_assignment
 from multidrop.conversation import Conversation
 from multidrop.device import Received
@@ -79,7 +79,7 @@ def _broadcast(wire: Line, conversation: Conversation[Any, list[Received]]) -> l
 
 def _addresses(text: str) -> list[int]:
     try:
-        return [whole_number(word) for word in text.split(",")]
+        return list(dict.fromkeys(whole_number(word) for word in text.split(",")))
     except ValueError:
         raise UsageError(f"--verify {text!r} is not a list of addresses, as in 0,1,2") from None
 
@@ -104,11 +104,11 @@ def _show(target: Target, slave: Received, as_json: bool) -> None:
     if as_json:
         seen = {"received": slave.received, "applied": slave.applied}
         for record in slave.written:
-            click.echo(json_line({**facts(name, record), **seen}))
+            tell(json_line({**facts(name, record), **seen}))
         return
     words = {True: "yes", False: "NO", None: "unknown"}
     note = f"   ({slave.note})" if slave.note else ""
-    click.echo(
+    tell(
         f"{slave.address:>3}   received {words[slave.received]:<8} applied {words[slave.applied]}{note}"
     )
     for record in slave.written:

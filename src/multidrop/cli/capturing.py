@@ -17,18 +17,20 @@ from multidrop.plantfile import PlantDevice
 
 
 def new_capture(path: str) -> CaptureWriter:
-    """A capture in a new file, or in place of an older one: of nothing else. Raises `UsageError`."""
-    with contextlib.suppress(OSError):
-        file = Path(path)
-        if file.is_file() and file.stat().st_size and not is_capture(file):
-            raise UsageError(f"{path} is there and no capture; it is not replaced")
+    """A capture in a new file, or in place of an older one. Raises `UsageError`."""
+    spare_others(path)
     return CaptureWriter.create(path)
 
 
-def is_capture(path: Path) -> bool:
-    """Whether a file begins as a pcapng file does. Raises `OSError`."""
-    with path.open("rb") as file:
-        return file.read(4) == pcapng.SECTION.to_bytes(4, "little")
+def spare_others(path: str) -> None:
+    """Raises `UsageError` for a file that is no capture: a capture would be the end of it."""
+    with contextlib.suppress(OSError):
+        if not Path(path).is_file():
+            return
+        with Path(path).open("rb") as file:
+            beginning = file.read(4)
+        if beginning not in (b"", pcapng.SECTION.to_bytes(4, "little")):
+            raise UsageError(f"{path} is there and no capture; it is not replaced")
 
 
 def capture_to(taps: list[Tap], target: Target, path: str, others: Sequence[PlantDevice]) -> None:
@@ -63,6 +65,7 @@ def end_capture(writer: CaptureWriter, tap: CaptureTap, path: str) -> None:
 
 
 def warn_if_incomplete(writer: CaptureWriter, path: str) -> None:
+    """Say where a capture ends, if that is not where the traffic did."""
     if writer.failed is not None:
         why = writer.failed.strerror
         click.secho(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.listening import Listening, company, find_plant, listening, protocol_name
+from multidrop.cli.listening import Asked, company, find_plant, listening, protocol_name
 from multidrop.errors import UsageError
 from multidrop.tools.captures.decode import Decoding, Done
 from multidrop.tools.captures.decode import decode as decode_capture
@@ -27,7 +27,7 @@ MOST_NOTES = 10
 @click.option("--frames", is_flag=True, help="each frame with its fields, not transactions")
 @click.option("--quiet", "-q", is_flag=True, help="only the summary")
 @listening
-def decode(asked: Listening, file: str, frames: bool, quiet: bool) -> None:
+def decode(asked: Asked, file: str, frames: bool, quiet: bool) -> None:
     """Decode the capture FILE into transactions: device, point, value, answer time."""
     style, wanted = asked.style, asked.wanted
     if frames:

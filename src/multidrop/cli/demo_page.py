@@ -47,7 +47,7 @@ def show_page(ports: Mapping[str, str], http: str | None, seconds: float | None)
 
 async def _for(seconds: float | None, plant: Path) -> None:
     async with asyncio.timeout(seconds):
-        await run_plant(plant, Said(json=False))
+        await run_plant(plant, Said(json=False), reloads=False)
 
 
 def _usual_or_any() -> str:

@@ -96,7 +96,8 @@ def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **
             tell=tell,
         ).run()
         verdicts = judge(case)
-    _show(plan.port, verdicts, json)
+    with contextlib.suppress(BrokenPipeError):  # the status tells it too
+        _show(plan.port, verdicts, json)
     if file is not None:
         _write(file, case, verdicts)
     return status_of(verdicts)

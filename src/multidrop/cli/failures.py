@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import click
-
-from multidrop.cli.words import json_line
+from multidrop.cli.words import json_line, tell
 from multidrop.errors import DeviceError, Error, NoReply, OutcomeUnknown
 
 INTERRUPTED = 130
@@ -32,17 +30,17 @@ def failure_as_line(name: str, wanted: bool, *, of: str = "device") -> Iterator[
         yield
     except Error as error:
         if wanted:
-            click.echo(json_line({of: name, "error": failure(error)}))
+            tell(json_line({of: name, "error": failure(error)}))
         raise
 
 
 def report_failure(error: Error, what: str = "") -> None:
     """One or two lines for a person: what was asked, what came, what to try."""
     asked = f"{what}: " if what and not str(error).startswith(what) else ""
-    click.secho(f"{asked}{error}", err=True, fg="red")
+    tell(f"{asked}{error}", err=True, fg="red")
     advice = _advice(error)
     if advice:
-        click.echo(f"  {advice}", err=True)
+        tell(f"  {advice}", err=True)
 
 
 def _advice(error: Error) -> str:

@@ -74,7 +74,7 @@ def protocol_name(name: str | None) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Listening:
+class Asked:
     """The options that `sniff` and `decode` share, as given."""
 
     json: bool
@@ -105,12 +105,12 @@ class Listening:
 
 
 def listening(command: CommandT) -> CommandT:
-    """Gives a command these options, and with them `asked: Listening`."""
+    """Gives a command these options, and with them `asked: Asked`."""
 
     @functools.wraps(command)
     def wrapper(**given: Any) -> Any:
-        own = {field.name: given.pop(field.name) for field in fields(Listening)}
-        return command(asked=Listening(**own), **given)
+        own = {field.name: given.pop(field.name) for field in fields(Asked)}
+        return command(asked=Asked(**own), **given)
 
     add: list[Callable[[Any], Any]] = [
         flags.as_json,

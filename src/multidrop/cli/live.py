@@ -74,7 +74,6 @@ class LiveTable:
         self._title = title
         self._rows = rows
         self._live: Any = None
-        self._width = 0
 
     def __enter__(self) -> Self:
         from rich.console import Console
@@ -82,8 +81,7 @@ class LiveTable:
 
         console = Console()
         if console.is_terminal and not console.is_dumb_terminal:  # a dumb one cannot go back
-            self._width = console.width
-            self._live = Live(self._table(), console=console, auto_refresh=False)
+            self._live = Live(self._table(console.width), console=console, auto_refresh=False)
             self._live.start()
         return self
 
@@ -105,22 +103,22 @@ class LiveTable:
 
     def refresh(self) -> None:
         if self._live is not None:
-            self._live.update(self._table(), refresh=True)
+            self._live.update(self._table(self._live.console.width), refresh=True)
 
-    def _room_for_trend(self) -> int:
+    def _room_for_trend(self, width: int) -> int:
         """What names, values and notes leave: on a narrow terminal the trend is what goes."""
         names = max(len(row.label) for row in self._rows)
         values = max(len(row.text) for row in self._rows)
         notes = min(NOTE, max(len(row.note) for row in self._rows))
-        room = self._width - names - max(VALUE, values) - notes - GAPS
+        room = width - names - max(VALUE, values) - notes - GAPS
         return min(TREND, room) if room >= SHORT else 0
 
-    def _table(self) -> Any:
+    def _table(self, width: int) -> Any:
         from rich import box
         from rich.table import Table
         from rich.text import Text
 
-        trend = self._room_for_trend()
+        trend = self._room_for_trend(width)
         table = Table(title=self._title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
         table.add_column("point", overflow="fold")
         table.add_column("value", justify="right", min_width=VALUE, no_wrap=True)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import click
-
-from multidrop.cli.words import json_line
+from multidrop.cli.words import json_line, tell
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 
@@ -32,7 +30,7 @@ class CommandLog(AuditLog):
         except OSError as error:
             self.missed = OSError(error.errno, error.strerror, str(self.path))
             line = json_line({"device": device, "point": point, **facts})
-            click.secho(f"not in the log of writes: {line}", err=True, fg="red")
+            tell(f"not in the log of writes: {line}", err=True, fg="red")
 
     def demand_whole(self) -> None:
         """At the end. Raises `OSError`."""

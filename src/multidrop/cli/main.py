@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -12,8 +13,8 @@ import click
 
 from multidrop.cli import streams
 from multidrop.cli.failures import INTERRUPTED, report_failure
+from multidrop.cli.words import tell
 from multidrop.errors import Error
-from multidrop.io.audit import FULL
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
     "demo": ("demo", "A simulated plant and its page: start here."),
@@ -118,37 +119,47 @@ def run(arguments: Sequence[str] | None = None) -> int:
     streams.prepare(sys.argv[1:] if arguments is None else arguments)
     color = False if os.environ.get("NO_COLOR") else None
     with click.Context(cli, color=color):  # for what is said when the command's own is gone
-        return _run(arguments, color)
+        status = _run(arguments, color)
+    streams.end()
+    return status
 
 
 def _run(arguments: Sequence[str] | None, color: bool | None) -> int:
+    status = 0
     try:
         result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False, color=color)
+        status = result if isinstance(result, int) else 0
         sys.stdout.flush()
     except click.exceptions.Exit as leave:
         return leave.exit_code
     except (KeyboardInterrupt, click.Abort):
-        click.echo("interrupted", err=True)
+        tell("interrupted", err=True)
         return INTERRUPTED
     except click.ClickException as error:
-        error.show()
-        if isinstance(error, click.MissingParameter) and error.ctx is not None:
-            click.echo(error.ctx.command.epilog or "", err=True)
+        _show(error)
         return 2
     except (OutputGone, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return status  # of what was done by then
     except OSError as error:
-        click.secho(_of_system(error), err=True, fg="red")
+        tell(_of_system(error), err=True, fg="red")
         return 1
     except Error as error:
         report_failure(error)
         return error.exit_status
-    return result if isinstance(result, int) else 0
+    return status
+
+
+def _show(error: click.ClickException) -> None:
+    with contextlib.suppress(BrokenPipeError):
+        error.show()
+        if isinstance(error, click.MissingParameter) and error.ctx is not None:
+            click.echo(error.ctx.command.epilog or "", err=True)
 
 
 def _of_system(error: OSError) -> str:
     """What the system said: of a file, of the disk under standard output, or of something else."""
+    from multidrop.io.audit import FULL
+
     if error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return (

@@ -9,7 +9,7 @@ import click
 from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.reading import with_progress
-from multidrop.cli.words import json_line
+from multidrop.cli.words import json_line, tell
 from multidrop.cli.writing import facts, show_record
 from multidrop.device import Copy, Memory
 from multidrop.errors import Error, PortError
@@ -54,7 +54,7 @@ def _carry_out(connection: Connection, copies: Sequence[Copy], as_json: bool) ->
         records = connection.copy(copy)
         for record in records:
             if as_json:
-                click.echo(json_line(facts(connection.name, record)))
+                tell(json_line(facts(connection.name, record)))
             else:
                 show_record(record)
         status = max((item.error.exit_status for item in records if item.error), default=0)

@@ -9,7 +9,7 @@ import click
 
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
-from multidrop.cli.words import json_line, label, with_unit
+from multidrop.cli.words import json_line, label, tell, with_unit
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.io.text_file import check_place
@@ -84,7 +84,7 @@ def diff(common: Common, before: str, after: str, everything: bool) -> int:
     """Compare two passports, or a passport and a device: A and B are files or devices."""
     found = list(differences(_side(common, before), _side(common, after), everything=everything))
     for item in found:
-        click.echo(_as_line(item) if common.json else _as_text(item))
+        tell(_as_line(item) if common.json else _as_text(item))
     return 1 if found else 0
 
 

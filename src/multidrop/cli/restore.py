@@ -12,7 +12,7 @@ import click
 from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
-from multidrop.cli.words import json_line, label
+from multidrop.cli.words import json_line, label, tell
 from multidrop.device import KeepsMemory
 from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
@@ -84,13 +84,12 @@ def restore(
             _demand_stopped(planned, device)
         common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
         save(undo(connection, planned), undo_path)
-        click.echo(f"{undo_path} undoes it", err=True)
+        tell(f"{undo_path} undoes it", err=True)
         verdicts = carry_out(connection, planned, stop=stop, keep=nv)
         status = _report(common, connection.name, planned, verdicts)
-    if isinstance(worked_out, KeepsMemory) and not nv:
-        click.echo(
-            f"only the working values: multidrop save {device} POINT... keeps them", err=True
-        )
+    working = any(step.point == step.wanted.point for step in planned.writes)
+    if isinstance(worked_out, KeepsMemory) and working and not nv:
+        tell(f"only the working values: multidrop save {device} POINT... keeps them", err=True)
     return status
 
 
@@ -125,19 +124,19 @@ def _report(common: Common, device: str, planned: Plan, verdicts: Iterable[Resto
             if done.error is not None:
                 status = max(status, done.error.exit_status)
             if common.json:
-                click.echo(_as_line(device, done))
+                tell(_as_line(device, done))
             else:
                 _show(done)
                 if done.error is not None and done.error is not said:  # one for all that are left
-                    report_failure(done.error, done.step.wanted.point)
+                    report_failure(done.error, done.step.point)
                 said = done.error or said
     except KeyboardInterrupt:
         tried = count.total() - count[Verdict.SAME] - count[Verdict.SKIPPED]
         left = len(planned.writes) - tried
-        click.echo(f"{_counted(count)}{left} left: run it again to go on", err=True)
+        tell(f"{_counted(count)}{left} left: run it again to go on", err=True)
         raise
     if not common.json:
-        click.echo(_counted(count).removesuffix(", "))
+        tell(_counted(count).removesuffix(", "))
     return status
 
 
@@ -148,31 +147,31 @@ def _counted(count: Counter[Verdict]) -> str:
 def _show_plan(common: Common, planned: Plan, device: str) -> None:
     if common.json:
         for step in planned.steps:
-            click.echo(_plan_line(step))
+            tell(_plan_line(step))
         return
     skipped = Counter(step.reason for step in planned.steps if step.action is Action.SKIP)
     same = sum(step.action is Action.SAME for step in planned.steps)
     for step in planned.writes:
-        click.echo(f"{_label(step):<32} {shown(step.now)} -> {shown(step.wanted)}")
+        tell(f"{_label(step):<32} {shown(step.now)} -> {shown(step.wanted)}")
     for reason, number in skipped.items():
-        click.echo(f"skipped {number:>4}: {reason}")
+        tell(f"skipped {number:>4}: {reason}")
     running = f"; it is running: {planned.running}" if planned.running else ""
-    click.echo(f"{device}: {len(planned.writes)} to write, {same} the same{running}")
+    tell(f"{device}: {len(planned.writes)} to write, {same} the same{running}")
 
 
 def _show(done: Restored) -> None:
     if done.step.action is not Action.WRITE:
         return
-    click.echo(f"{_label(done.step):<32} {shown(done.step.wanted)}   {done.verdict}")
+    tell(f"{_label(done.step):<32} {shown(done.step.wanted)}   {done.verdict}")
 
 
 def _label(step: Step) -> str:
-    return label(step.wanted.name, step.wanted.point)
+    return label(step.wanted.name, step.point)
 
 
 def _facts(step: Step) -> dict[str, object]:
     return {
-        "point": step.wanted.point,
+        "point": step.point,
         "name": step.wanted.name,
         "old": jsonable(step.now.value) if step.now else None,
         "asked": jsonable(step.wanted.value),

@@ -83,16 +83,24 @@ def run(file: str | None, json: bool) -> None:
 
 
 class Said:
-    """What is printed: for people what listens where and what has changed, else every update."""
+    """What is printed: for people what listens where and what has changed, else every update.
+
+    What people cannot be told, since their terminal is gone, stops no gateway;
+    a program that reads the updates no longer does.
+    """
 
     def __init__(self, json: bool) -> None:
         self._json = json
 
     def ready(self, text: str) -> None:
-        click.echo(text, err=self._json)
+        self._tell(text, err=self._json)
 
     def news(self, text: str) -> None:
-        click.echo(text, err=True)
+        self._tell(text, err=True)
+
+    def _tell(self, text: str, *, err: bool) -> None:
+        with contextlib.suppress(OSError):
+            click.echo(text, err=err)
 
     def update(self, update: Update) -> None:
         """A listener of `Values`."""
@@ -120,8 +128,8 @@ def update_facts(update: Update) -> dict[str, Any]:
     return line
 
 
-async def run_plant(path: Path, said: Said) -> None:
-    """Run until SIGTERM or Ctrl-C."""
+async def run_plant(path: Path, said: Said, *, reloads: bool = True) -> None:
+    """Run until SIGTERM or Ctrl-C; SIGHUP reads the file again, where it `reloads`."""
     plant = load(path)
     gateway = Gateway(plant, settings_of(plant), say=said.ready, news=said.news)
     gateway.add_parts()
@@ -131,17 +139,18 @@ async def run_plant(path: Path, said: Said) -> None:
         gc.collect()
         gc.freeze()  # the plant stays: to look through it again and again takes tens of milliseconds
         running = asyncio.ensure_future(gateway.run())
-        reloads: set[asyncio.Task[None]] = set()
+        reloading: set[asyncio.Task[None]] = set()
 
         def reload() -> None:
             task = asyncio.create_task(_reload(gateway, path, said))
-            reloads.add(task)
-            task.add_done_callback(reloads.discard)
+            reloading.add(task)
+            task.add_done_callback(reloading.discard)
 
         with contextlib.suppress(NotImplementedError, AttributeError):  # Windows
             loop = asyncio.get_running_loop()
             loop.add_signal_handler(signal.SIGTERM, running.cancel)
-            loop.add_signal_handler(signal.SIGHUP, reload)
+            if reloads:
+                loop.add_signal_handler(signal.SIGHUP, reload)
         count = len(plant.devices)
         said.news(f"polling {counted(count, 'device')} on {counted(len(plant.lines), 'line')}")
         try:
@@ -151,7 +160,7 @@ async def run_plant(path: Path, said: Said) -> None:
             if current is not None and current.cancelling():  # Ctrl-C, not SIGTERM
                 raise
         finally:
-            for task in reloads:
+            for task in reloading:
                 task.cancel()
 
 

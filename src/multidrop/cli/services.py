@@ -8,7 +8,7 @@ import click
 
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
-from multidrop.cli.words import json_line
+from multidrop.cli.words import json_line, tell
 from multidrop.device import Report
 from multidrop.errors import DeviceError
 from multidrop.io.connection import Connection, Target, acting
@@ -92,7 +92,7 @@ def _served(common: Common, target: Target, ask: Callable[[Connection], Report])
 
 def _show(common: Common, device: str, report: Report) -> None:
     if common.json:
-        click.echo(json_line({"device": device, **report.fields}))
+        tell(json_line({"device": device, **report.fields}))
         return
     for line in report.lines:
-        click.echo(line)
+        tell(line)

@@ -96,7 +96,8 @@ class _Said:
         if self._json:
             self._object(event.kind, client=event.client, text=event.text)
         else:
-            click.echo(event.text, err=True)
+            with contextlib.suppress(OSError):  # its terminal is gone, and its clients are not
+                click.echo(event.text, err=True)
 
     def summary(self, counts: Counts) -> None:
         if self._json:

@@ -16,8 +16,8 @@ from multidrop.cli import flags
 from multidrop.cli.capturing import new_capture, warn_if_incomplete
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import (
+    Asked,
     Company,
-    Listening,
     company,
     find_plant,
     listening,
@@ -47,7 +47,7 @@ from multidrop.tools.captures.tally import Tally
 @partial(flags.line_keys, keys=("baud", "format", "silence", "stuffing"))
 @listening
 def sniff(
-    asked: Listening,
+    asked: Asked,
     port: str,
     output: str | None,
     seconds: float | None,

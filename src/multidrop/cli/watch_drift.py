@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from multidrop.cli import flags
 from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.numbers import Seconds
 from multidrop.cli.passports import shown
-from multidrop.cli.words import json_line, label
+from multidrop.cli.words import json_line, label, tell
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import passports_folder
 from multidrop.io.audit import jsonable
@@ -55,9 +56,10 @@ def watch_drift(
     if not found.devices:
         raise UsageError(f"{plant} has no devices")
     seen: dict[str, set[str]] = {}
+    say = tell if every is None else click.echo  # which ends where nobody reads any more
     started = time.monotonic()
     while True:
-        status = _round(found, Passports.of(folder), seen, save=save, as_json=json)
+        status = _round(found, Passports.of(folder), seen, say, save=save, as_json=json)
         if every is None:
             return status
         started = max(started + every, time.monotonic() - every)
@@ -65,7 +67,13 @@ def watch_drift(
 
 
 def _round(
-    plant: Plant, passports: Passports, seen: dict[str, set[str]], *, save: bool, as_json: bool
+    plant: Plant,
+    passports: Passports,
+    seen: dict[str, set[str]],
+    say: Callable[[str], None],
+    *,
+    save: bool,
+    as_json: bool,
 ) -> int:
     """All devices once. What was said the last time is not said again, nor after a silence."""
     for path, reason in passports.unusable.items():
@@ -81,7 +89,7 @@ def _round(
         lines = _lines(drift, as_json)
         for line in lines:
             if line not in before:
-                click.echo(line)
+                say(line)
         if drift.error is not None:
             status = max(status, drift.error.exit_status)
             if not as_json:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 from pathlib import Path
-from types import FrameType
 from typing import Any, BinaryIO
 
 import click
 
+from multidrop.cli.capturing import spare_others
 from multidrop.cli.flags import as_json
 from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
@@ -97,16 +96,13 @@ def _capture(interface: str, given: dict[str, Any]) -> None:
     options = {key: given[key] for key in ("baud", "format", "stuffing")}
     listening = Listening.parse(port, given["protocol"], options)
 
-    def end(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, end)
     with contextlib.suppress(KeyboardInterrupt), _opened(given["fifo"]) as file:
         capture(listening, file)
 
 
 def _opened(path: str) -> BinaryIO:
     """A FIFO opens when somebody reads it. Raises `UsageError`."""
+    spare_others(path)
     try:
         return Path(path).open("wb", buffering=0)
     except OSError as error:

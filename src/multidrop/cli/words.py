@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
+
+import click
 
 from multidrop.points import Value, shown_value
 
@@ -13,6 +16,16 @@ from multidrop.points import Value, shown_value
 def json_line(facts: Mapping[str, Any]) -> str:
     """One line of JSON Lines. `v` is the version of all of them."""
     return json.dumps({"v": 1, **facts}, ensure_ascii=False)
+
+
+def tell(text: str, *, err: bool = False, fg: str | None = None) -> None:
+    """A line about what was done, though nobody may read any more.
+
+    A write that is out, or fails, is no success because of that, and those behind
+    it are not left away.
+    """
+    with contextlib.suppress(BrokenPipeError):
+        click.echo(click.style(text, fg=fg) if fg else text, err=err)
 
 
 def utc(time: datetime) -> str:

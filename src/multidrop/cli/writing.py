@@ -9,7 +9,7 @@ import click
 
 from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.cli.words import json_line, utc, with_unit
+from multidrop.cli.words import json_line, tell, utc, with_unit
 from multidrop.device import Device, Write
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable, shown
@@ -49,7 +49,7 @@ def write(
     except PortError as error:
         for item in writes if common.json else ():
             record = Written(item.point, item.value, Outcome.NOT_SENT, error=error)
-            click.echo(json_line(facts(str(target.name), record)))
+            tell(json_line(facts(str(target.name), record)))
         raise
     with connection:
         return _write_all(connection, writes, common.json, not no_verify, keep_going)
@@ -108,7 +108,7 @@ def _write_all(
             status = max(status, record.error.exit_status)
             stopped = not keep_going or _broke_off(record.error)
         if as_json:
-            click.echo(json_line(facts(connection.name, record)))
+            tell(json_line(facts(connection.name, record)))
         else:
             show_record(record)
     return status
@@ -141,17 +141,18 @@ def facts(device: str, record: Written) -> dict[str, Any]:
 
 
 def show_record(record: Written) -> None:
+    """A write for a person: `kp (0x011)   4 -> 5   confirmed`, and what went wrong."""
     point = record.point
     old = None if record.old is None else shown_value(point.physical(record.old.value))
     if record.error is None and record.outcome is not Outcome.NOT_SENT:
         found = record.asked if record.found is None else point.physical(record.found.value)
         known = "?" if old is None else old
         shown_found = with_unit(found, point.unit)
-        click.echo(f"{point!s:<32} {known} -> {shown_found}   {record.outcome.value}")
+        tell(f"{point!s:<32} {known} -> {shown_found}   {record.outcome.value}")
         return
     unsure = old is not None and record.outcome is Outcome.UNKNOWN
     asked = with_unit("?" if unsure else record.asked, point.unit)
     change = asked if old is None else f"{old} -> {asked}"
-    click.echo(f"{point!s:<32} {change}   {record.outcome.value}")
+    tell(f"{point!s:<32} {change}   {record.outcome.value}")
     if record.error is not None:
         report_failure(record.error, str(point))

@@ -121,6 +121,7 @@ def passport(
 
 
 def entry(point: Point, reading: Reading) -> Entry:
+    """A reading as a passport keeps it."""
     return Entry(
         point=point.text,
         name=point.name,

@@ -36,8 +36,9 @@ def differences(
             f"{before.device} is of profile {before.profile}, {after.device} of {after.profile}:"
             " their points cannot be compared"
         )
-    for point in dict.fromkeys([*_points(before), *_points(after)]):
-        one, other = _points(before).get(point), _points(after).get(point)
+    held, holds = _points(before), _points(after)
+    for point in held | holds:
+        one, other = held.get(point), holds.get(point)
         known = one or other
         assert known is not None
         if known.role is Role.MEASURED or (known.role in MOVING and not everything):

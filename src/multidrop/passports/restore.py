@@ -6,11 +6,12 @@ Nothing is written that the plan did not show. Every write goes through the rule
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from multidrop.device import Write
+from multidrop.device import KeepsMemory, Write
 from multidrop.errors import DeviceError, Error, NoReply, PortError, UsageError
 from multidrop.io.connection import Connection, keeping
 from multidrop.io.readings import in_order
@@ -63,6 +64,11 @@ class Step:
     reason: str = ""
     now: Entry | None = None
     write: Write | None = None
+
+    @property
+    def point(self) -> str:
+        """Where it is written: the passport's point, or its non-volatile value."""
+        return self.wanted.point if self.write is None else self.write.point.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,10 +231,23 @@ def _by_rule(
     if "w" not in point.description.access:
         return Step(item, Action.SKIP, "read-only")
     try:
-        write = connection.prepare(item.point, item.value, force=past_limits)
+        write = _prepared(connection, item, past_limits=past_limits)
     except UsageError as error:
         return Step(item, Action.WRITE, f"{item.point}: {error}")
     return Step(item, Action.WRITE, write=write)
+
+
+def _prepared(connection: Connection, item: Entry, *, past_limits: bool) -> Write:
+    """The write of a point; the non-volatile one of a point that takes no other. Raises `UsageError`."""
+    try:
+        return connection.prepare(item.point, item.value)
+    except UsageError as refused:
+        if isinstance(connection.device, KeepsMemory):
+            with contextlib.suppress(UsageError):
+                return connection.prepare(f"{item.point}@nv", item.value)
+        if not past_limits:
+            raise refused from None
+    return connection.prepare(item.point, item.value, force=True)
 
 
 def _compared(connection: Connection, steps: Sequence[Step]) -> Iterator[Step]:

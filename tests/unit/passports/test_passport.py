@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -136,6 +137,15 @@ def test_every_file_cut_short_is_refused() -> None:
 
 def found(before: Passport, after: Passport, *, everything: bool = False) -> list[Difference]:
     return list(differences(before, after, everything=everything))
+
+
+def test_all_indices_of_a_drive_are_compared_in_a_moment() -> None:
+    points = [replace(KP, point=str(index)) for index in range(65536)]
+    started = time.process_time()
+    changed = replace(points[-1], value=5.0)
+    (only,) = found(passport(*points), passport(*points[:-1], changed))
+    assert only.point == "65535"
+    assert time.process_time() - started < 10
 
 
 def test_the_same_has_no_differences() -> None:

@@ -91,6 +91,8 @@ def sort_out(asked: Asked, evidence: Evidence) -> Answered:
 
 @dataclass(frozen=True, slots=True)
 class Context:
+    """What was asked at one setting, and what came of it."""
+
     evidence: Evidence
     reads: list[Answered]
     devices: list[Device]  # of the thorough pass

@@ -13,6 +13,7 @@ LATENCY_MS = 8
 
 
 def lost(context: Context) -> Iterator[Verdict]:
+    """A device that answers, and sometimes does not."""
     for device in context.devices:
         if device.silent and device.right:
             yield Verdict(
@@ -26,6 +27,7 @@ def lost(context: Context) -> Iterator[Verdict]:
 
 
 def late(context: Context) -> Iterator[Verdict]:
+    """Answers that come when a master has given them up."""
     evidence = context.evidence
     limit = evidence.settings.timing(network=evidence.network).answer * 1000
     for device in context.devices:
@@ -51,6 +53,7 @@ def gap_of(context: Context, device: Device) -> float:
 
 
 def gaps(context: Context) -> Iterator[Verdict]:
+    """Pauses within an answer at which a receiver takes it to be over."""
     evidence = context.evidence
     limit = evidence.settings.timing(network=evidence.network).silence * 1000
     for device in context.devices:

@@ -131,10 +131,9 @@ def from_csv(text: str, file: str, defaults: Mapping[str, Any] | None = None) ->
             )
     points: dict[str, PointDescription] = {}
     seen: dict[str, int] = {}
+    columns = _columns(rows[heading], heading + 1, file)
     for number, row in _filled(rows[heading + 1 :], heading + 2):
-        point = _point(
-            _columns(rows[heading], heading + 1, file), row, f"{file}: row {number}", comma
-        )
+        point = _point(columns, row, f"{file}: row {number}", comma)
         if point.name in seen:
             raise UsageError(
                 f"{file}: row {number}: row {seen[point.name]} has the name {point.name!r} too"

@@ -25,6 +25,7 @@ def toml_text(profile: Profile, comment: str = "") -> str:
 
 
 def point_line(point: PointDescription) -> str:
+    """A point as a line of `[points]`."""
     return f"{toml_key(point.name)} = {toml_table(said_of_point(point))}"
 
 
