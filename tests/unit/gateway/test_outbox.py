@@ -136,10 +136,14 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
 
 def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
     """A loop asks, which must not wait for a disk."""
+
+    def ask() -> None:
+        outbox.note(1)
+        assert (outbox.hours, outbox.left) != (0, 0)
+
     outbox.put([record(1)])
     with outbox._lock:
-        asked = threading.Thread(target=lambda: (outbox.hours, outbox.left, outbox.note(1)))
-        asked.daemon = True
+        asked = threading.Thread(target=ask, daemon=True)
         asked.start()
         asked.join(5)
         assert not asked.is_alive()

@@ -68,8 +68,6 @@ class Backlog:
     ) -> None:
         self.error: str | None = None
         self.since: datetime | None = None  # of the error
-        self.hours: float | None = None  # how long the broker may be away; None before it is known
-        self.left: float | None = None  # how much longer, with what waits already
         self.followed = 0  # states out of the outbox, since the last `put_back`
         self.confirmed: set[str] = set()  # topics, since the last `put_back`
         self._outbox = outbox
@@ -104,6 +102,16 @@ class Backlog:
         flying = self._flying
         in_flight = len(flying.states) if flying is not None and flying.number is None else 0
         return self._outbox.samples + len(self._fresh) + in_flight
+
+    @property
+    def hours(self) -> float | None:
+        """How long the broker may be away at the present rate; None before it is known."""
+        return self._outbox.hours
+
+    @property
+    def left(self) -> float | None:
+        """How much longer, with what waits already."""
+        return self._outbox.left
 
     def __str__(self) -> str:
         """Where what waits is, and how long it may."""
@@ -225,8 +233,6 @@ class Backlog:
                 self._outbox.note(self._rate.would_be())
             elif self.error is None or await self._put(flying, AT_ONCE):
                 await self._put(flying if flying and flying.number is None else None)
-            # asked now and not when somebody wants to know: then the disk may have the outbox
-            self.hours, self.left = self._outbox.hours, self._outbox.left
 
     async def _put(self, flying: Lot | None, most: int = MOST_IN_MEMORY) -> bool:
         """So many states at most; where the disk took none, little is tried first. Whether it takes them."""
