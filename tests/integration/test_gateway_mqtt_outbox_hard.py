@@ -23,6 +23,7 @@ import pytest
 from integration.counting import CountingLine, counting, stop, wait_until
 from integration.gateways import Client as HttpClient
 from integration.mosquitto import Broker, found
+from integration.proxy import Proxy, proxy_to
 from integration.test_campaigns_full import Disk, limited, small
 from integration.test_gateway_mqtt import Watcher, certificate, watcher
 from integration.test_gateway_mqtt_outbox import (
@@ -156,10 +157,10 @@ def test_a_reload_that_takes_a_line_away_while_the_broker_is_away(tmp_path: Path
 
 def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) -> None:
     """Everything comes in order; what comes twice is known by its record, and is of about a second."""
-    states = 20_000
+    states = 3_000
     filled(tmp_path, states)
 
-    async def heard(place: Site) -> None:
+    async def heard(place: Site, way: Proxy) -> None:
         async with watcher(place.mosquitto) as watching:
             for _ in range(2):
                 before = in_file(tmp_path)
@@ -167,6 +168,7 @@ def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) ->
                     await asyncio.to_thread(wait_until, partial(less_in_file, tmp_path, before))
                     program.end()
             assert 0 < in_file(tmp_path) < states
+            way.pause = 0.0
             with place.gateway() as program:
                 await asyncio.to_thread(said, program, "have followed")
                 await until_count(watching, place.lines[0], len(place.lines[0].given))
@@ -177,8 +179,9 @@ def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) ->
                 assert 0 < dropped < states
                 await asyncio.to_thread(stop, program)
 
-    with site(tmp_path, "", *ROOMY) as place:
-        asyncio.run(heard(place))
+    with site(tmp_path, "", *ROOMY) as near, proxy_to("127.0.0.1", near.mosquitto.port) as way:
+        way.pause = 0.02
+        asyncio.run(heard(Site(tmp_path, near.mosquitto, near.lines, way.port, ""), way))
 
 
 def test_a_broker_that_is_killed_again_and_again(tmp_path: Path) -> None:
@@ -277,6 +280,20 @@ commands = true
         asyncio.run(heard(place, since))
         stop(program)
         assert "secret" not in "".join([*program.out, *program.err])
+
+
+def test_an_outbox_that_is_damaged_does_not_end_the_gateway(tmp_path: Path) -> None:
+    """Nothing goes to the broker, which is said; the plant is polled."""
+    filled(tmp_path, 1)
+    with contextlib.closing(sqlite3.connect(tmp_path / OUTBOX)) as file, file:
+        file.execute("UPDATE records SET data = zeroblob(10)")
+    with site(tmp_path) as place, place.gateway() as program:
+        status = HttpClient(said(program, "http://").strip())
+        assert "what waits in it is damaged" in said(program, "is away")
+        place.lines[0].wait_for_more(20)
+        (trouble,) = status.get("/api/status").json["troubles"]
+        assert "what waits in it is damaged" in trouble["text"]
+        stop(program)
 
 
 # -- no more room ---------------------------------------------------------------------------------

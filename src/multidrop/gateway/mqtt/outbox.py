@@ -145,7 +145,7 @@ class Backlog:
         retained: Collection[str],
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Until all is sent that waited, or `ends`; only `retained` topics are. Raises `MqttError`, `UsageError`.
+        """Until all is sent that waited, or `ends`; only `retained` topics are. Raises `MqttError`.
 
         What comes meanwhile gathers for the next time. What it leaves unconfirmed it still has;
         `put_back` says that it will not be.
@@ -195,7 +195,7 @@ class Backlog:
         try:
             return unpack(waiting)
         except (zlib.error, ValueError, KeyError, TypeError):
-            raise UsageError(
+            raise aiomqtt.MqttError(  # the plant goes on, and the page says it
                 f"mqtt.outbox {self._outbox.path}: what waits in it is damaged, or history's: move it away"
             ) from None
 

@@ -12,7 +12,7 @@ from typing import Any, cast
 import aiomqtt
 import pytest
 
-from multidrop.errors import PortError, UsageError
+from multidrop.errors import PortError
 from multidrop.gateway.history.packing import pack
 from multidrop.gateway.history.records import Batch, Span
 from multidrop.gateway.mqtt import outbox as mqtt_outbox
@@ -382,7 +382,7 @@ def test_what_are_no_states_is_not_published(tmp_path: Path, data: bytes) -> Non
         place.outbox.put([(data, 0, 0, 1)])
         place.backlog._behind = True
         with pytest.raises(
-            UsageError, match=r"outbox.db: what waits in it is damaged, or history's"
+            aiomqtt.MqttError, match=r"outbox.db: what waits in it is damaged, or history's"
         ):
             await place.deliver(Client())
 
