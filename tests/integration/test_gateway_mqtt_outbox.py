@@ -200,9 +200,9 @@ def test_a_connection_that_breaks_in_the_middle_of_what_waited(tmp_path: Path) -
         async def heard() -> None:
             async with watcher(place.mosquitto) as watching:
                 await until_count(watching, place.lines[0], 10)
-                for _ in range(4):
+                for _ in range(2):
                     way.cut()
-                    await asyncio.to_thread(place.lines[0].wait_for_more, 40)
+                    await asyncio.to_thread(place.lines[0].wait_for_more, 15)
                     way.join()
                     seen = len(watching.messages)
                     while len(watching.messages) < seen + 20:
