@@ -17,9 +17,11 @@ from pymodbus.client import AsyncModbusTcpClient
 from integration.processes import PATIENCE
 from integration.published import Published, published, ran
 from integration.writes import logged
-from multidrop.errors import PortError
+from multidrop.catalog import load_profile
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.modbus import part as modbus
 from multidrop.gateway.modbus.part import ModbusServer
+from multidrop.plantfile import parse_plant
 from multidrop.sim.slink3 import ax_v
 
 NEEDED = "MULTIDROP_NEEDS_MBPOLL"
@@ -330,6 +332,42 @@ def test_a_client_that_floods_is_cut_off(tmp_path: Path) -> None:
                 one.send(number, bytes.fromhex("06 0000 0007"))
             assert await one.is_cut_off()
             assert await other.ask(bytes.fromhex("03 0064 0002"))
+
+    run(tmp_path, check)
+
+
+def test_a_point_that_is_gone_while_it_is_written_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reload may take it away between the request and what came of it."""
+
+    async def check(site: Published, server: ModbusServer) -> None:
+        async def gone(*_: object, **__: object) -> None:
+            await site.gateway.reload(other)
+            assert server.map.covering(0, 1) is not None
+            raise UsageError("infeed has no point 'torque'")
+
+        text = site.text.replace("torque =", "moment =").format(port=site.port)
+        other = parse_plant(text, site.file, load_profile)
+        monkeypatch.setattr(site.gateway, "write", gone)
+        async with bare(server) as one:
+            assert await one.ask(bytes.fromhex("06 0000 0007")) == b"\x86\x02"
+
+    run(tmp_path, check)
+
+
+def test_a_fault_of_the_server_does_not_leave_a_client_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def broken(server: ModbusServer, request: modbus.Request, client: str) -> None:
+        raise OSError("a bug")
+
+    monkeypatch.setattr(ModbusServer, "execute", broken)
+
+    async def check(site: Published, server: ModbusServer) -> None:
+        async with bare(server) as one:
+            one.send(1, bytes.fromhex("03 0064 0002"))
+            assert await one.is_cut_off()
 
     run(tmp_path, check)
 
