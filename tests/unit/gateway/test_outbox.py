@@ -61,6 +61,21 @@ def test_records_wait_in_the_file(outbox: Outbox) -> None:
     again.close()
 
 
+def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
+    """A loop asks, which must not wait for a disk."""
+
+    def ask() -> None:
+        outbox.note(1)
+        assert (outbox.hours, outbox.left) != (0, 0)
+
+    outbox.put([record(1)])
+    with outbox._lock:
+        asked = threading.Thread(target=ask, daemon=True)
+        asked.start()
+        asked.join(5)
+        assert not asked.is_alive()
+
+
 def test_beyond_the_bound_the_oldest_go_and_the_next_one_says_so(outbox: Outbox) -> None:
     for number in range(15):
         outbox.put([record(number)])
@@ -132,18 +147,3 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
         Outbox(path, 100)
     with pytest.raises(PortError, match="no outbox can be kept here"):
         Outbox(tmp_path / "no folder" / "outbox.db", 100)
-
-
-def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
-    """A loop asks, which must not wait for a disk."""
-
-    def ask() -> None:
-        outbox.note(1)
-        assert (outbox.hours, outbox.left) != (0, 0)
-
-    outbox.put([record(1)])
-    with outbox._lock:
-        asked = threading.Thread(target=ask, daemon=True)
-        asked.start()
-        asked.join(5)
-        assert not asked.is_alive()
