@@ -10,19 +10,28 @@ PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wi
 WORLD := tests/integration tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
+# The tests start the program many hundred times: it is compiled once.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test check tshark mbpoll mosquitto chromium soak bench fuzz docs clean
 
 demo: .venv/gateway
 	@$(BIN)/multidrop demo
 
+# So many processes of pytest share the tests: who has none left takes of another's. (-n would start
+# them without -bb.)
+shared_by = --dist worksteal --tx '$(1)*popen//python=$(BIN)/python -bb'
+
 # The pure floors' own tests must reach every branch of them; the world's tests run side by side,
 # more of them than there are processors, since they wait most of their time.
 test: check .venv/dev
-	$(BIN)/python -bb -m coverage run -m pytest $(PURE)
+	@rm -f .coverage .coverage.*
+	$(BIN)/python -bb -m coverage run -m pytest $(call shared_by,2) $(PURE)
+	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest -n 3 --dist loadfile $(WORLD)
+	$(BIN)/python -bb -m pytest $(call shared_by,4) $(WORLD)
 
 check: .venv/dev
 	$(BIN)/ruff check
@@ -78,4 +87,4 @@ docs: .venv/dev
 	@touch $@
 
 clean:
-	rm -rf .venv dist build .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf .venv dist build .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache

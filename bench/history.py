@@ -8,14 +8,14 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 
 from bench.measure import Result
 from bench.postgres_server import server
 from multidrop.gateway.history.batching import Batching
 from multidrop.gateway.history.blocks import encode
-from multidrop.gateway.history.buckets import summary_of
+from multidrop.gateway.history.buckets import contents_of
 from multidrop.gateway.history.records import Batch, Kept, Sample, kept
 from multidrop.gateway.history.sqlite import SqliteStore
 from multidrop.gateway.history.store import Store
@@ -27,6 +27,9 @@ DAY = 86_400
 BLOCK = 100
 """Samples of a block where 2,000 points are recorded once a second."""
 
+TOGETHER = 20
+"""Lots of 20,000 samples that are written to PostgreSQL one after the other, as they would come, and then waited for."""
+
 ROWS, MOST_ROWS = 20_000_000, 100_000_000
 """Samples out of which a day is asked for; those of `large` take some 1.2 GB and a quarter of an hour."""
 
@@ -36,7 +39,9 @@ def rows(quick: bool) -> list[Result]:
     seconds = 200 if quick else 600
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        results.append(_written("SQLite", *_write_sqlite(folder / "written.db", seconds)))
+        results.append(
+            _written("SQLite", "for each 20,000", *_write_sqlite(folder / "written.db", seconds))
+        )
         results += _asked(folder / "large.db", ROWS, quick)
         with server() as dsn:
             if dsn is not None:
@@ -120,9 +125,9 @@ def _write_sqlite(path: Path, seconds: int) -> tuple[float, float, int, float]:
     return count / took, count / wall, count, path.stat().st_size / count
 
 
-def _written(name: str, rate: float, wall: float, count: int, size: float) -> Result:
+def _written(name: str, commit: str, rate: float, wall: float, count: int, size: float) -> Result:
     return Result(
-        f"history written to {name}, {count:,} samples of {POINTS:,} points, a commit for each 20,000",
+        f"history written to {name}, {count:,} samples of {POINTS:,} points, a commit {commit}",
         "",
         f">= {GOAL_RATE:,} samples/s, <= {GOAL_BYTES} bytes each",
         f"{wall:,.0f} samples/s, {size:.1f} bytes each",
@@ -165,7 +170,7 @@ def _fill(store: SqliteStore, points: int) -> None:
         execute("BEGIN")
         for point in range(points):
             times, values, data = blocks[(point + block) % 50]
-            minimum, maximum, final, count, gap = summary_of(values, None, plain=True)
+            minimum, maximum, final, count, gap = contents_of(values, None, plain=True)
             first = START + block * BLOCK * 1_000_000 + 1000
             place = (point + 1, 1, first, first + times[-1])
             execute(
@@ -211,29 +216,34 @@ def _write_postgres(dsn: str, schema: str, folder: Path, seconds: int) -> Result
 
     store: Store = PostgresStore(dsn, Outbox(folder / "outbox.db", 10**9), schema=schema)
     took = wall = 0.0
-    for cutting, batches in _batches(seconds):
+    batches = _batches(seconds)
+    while lots := list(islice(batches, TOGETHER)):  # made beforehand: the sender does not rest
         began, began_wall = time.process_time(), time.monotonic()
-        store.write(batches)
+        for _, lot in lots:
+            store.write(lot)
         while not store.delivered:
-            time.sleep(0.001)
+            time.sleep(0.01)
+        cutting = sum(seconds for seconds, _ in lots)
         took += time.process_time() - began + cutting
         wall += time.monotonic() - began_wall + cutting
     store.close()
     count = POINTS * seconds
-    return _written("PostgreSQL", count / took, count / wall, count, _size(dsn, schema) / count)
+    return _written("PostgreSQL", "a second", count / took, count / wall, count, _size(dsn, schema))
 
 
 def _size(dsn: str, schema: str) -> float:
+    """Bytes for each sample in a block; the fresh ones are left out."""
     import psycopg
 
-    query = (
+    size = (
         "SELECT sum(pg_total_relation_size(c.oid)) FROM pg_class c JOIN pg_namespace n "
         "ON n.oid = c.relnamespace WHERE n.nspname = %s AND c.relkind = 'r' AND c.relname <> 'recent'"
     )
+    count = f"SELECT sum(cardinality(times)) FROM {schema}.blocks"
     with psycopg.connect(dsn) as connection:
-        row = connection.execute(query, (schema,)).fetchone()
-    assert row is not None
-    return float(row[0])
+        (taken,) = connection.execute(size, (schema,)).fetchone() or (0,)
+        (samples,) = connection.execute(count.encode()).fetchone() or (1,)
+    return float(taken) / float(samples)
 
 
 def _large_postgres(dsn: str, schema: str, points: int) -> tuple[int, list[float]]:

@@ -169,7 +169,8 @@ def _limits(point: PointDescription) -> str:
 
 def _values(point: PointDescription) -> str:
     bits = [f"bit {bit} {name}" for bit, name in enumerate(point.bits) if name]
-    return ", ".join([*(f"{raw} {name}" for raw, name in point.names.items()), *bits])
+    names = [f"{raw} {name}" for raw, name in point.names.items()]
+    return ", ".join(["in hex"] * point.hexadecimal + names + bits)
 
 
 def _meaning_of(point: PointDescription) -> str:

@@ -32,7 +32,7 @@ BLOCK = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 VARIES = re.compile(
-    r"[+-]? *\d+\.\d+ ms|\"(?:answer_)?ms\": [\d.]+|\d+\.\d s:|\d{4}-\d\d-\d\d[T ][\d:.]+(?:Z|\+00:00)?"
+    r" *[+-]? *\d+\.\d+ ms|\"(?:answer_)?ms\": [\d.]+|\d+\.\d s:|\d{4}-\d\d-\d\d[T ][\d:.]+(?:Z|\+00:00)?"
     r"|about [\d.]+ (?:s|min \d+ s)|\"seconds\": [\d.]+|(?:discovered|since) \d{4}-\d\d-\d\d(?: \d\d:\d\d)?"
     r"|\d\d:\d\d:\d\d(?:\.\d+)?|\"who\": \"[^\"]*\"|/dev/pts/\d+"
 )

@@ -62,7 +62,7 @@ def serve(listener: socket.socket) -> None:
 
 def main(listen: str | None) -> None:
     where = urlsplit(listen or "tcp://127.0.0.1:0")
-    listener = socket.create_server((where.hostname or "", where.port or 0))
+    listener = socket.create_server((where.hostname or "127.0.0.1", where.port or 0))
     port = "tcp://{}:{}".format(*listener.getsockname())
     print(f"listening on {port}", flush=True)
     if listen:

@@ -66,6 +66,7 @@ class PointDescription:
     bits: list[str] = field(
         default_factory=list, hash=False
     )  # names from bit 0 on; "" where a bit has none
+    hexadecimal: bool = False  # a code or a word of bits that manuals print in hex
     fault: int | None = None  # the bits of the raw value of which any says a fault
     functions: str = ""  # what may be asked of it, one character each, as the protocol numbers them
     refusals: list[int] = field(
@@ -100,11 +101,15 @@ class PointDescription:
         if below or above:
             limits = f"{_limit(self.minimum)}..{_limit(self.maximum)}"
             unit = f" {self.unit}" if self.unit else ""
-            raise UsageError(f"{value}{unit} is out of range for {self.name}: {limits}{unit}")
+            raise UsageError(
+                f"{shown_value(value)}{unit} is out of range for {self.name}: {limits}{unit}"
+            )
         if self.step is not None and value % self.step:
-            raise UsageError(f"{value} is no value for {self.name}: multiples of {self.step:g}")
+            raise UsageError(
+                f"{shown_value(value)} is no value for {self.name}: multiples of {self.step:g}"
+            )
         if value in self.excluded:
-            raise UsageError(f"{value} is no value for {self.name}")
+            raise UsageError(f"{shown_value(value)} is no value for {self.name}")
 
     def says_fault(self, raw: Value) -> bool | None:
         """Whether a raw value says a fault; None where the point says nothing of faults."""
@@ -119,16 +124,22 @@ class PointDescription:
                 return int(raw)
         return None
 
+    @property
+    def has_meanings(self) -> bool:
+        """Whether its raw values mean something besides themselves; those of most points do not."""
+        return bool(self.names or self.bits or self.hexadecimal)
+
     def meaning_of(self, raw: Value) -> str | None:
-        """The name of a raw value, or of the bits that are set in it; None where it has none."""
-        if not self.names and not self.bits:  # as most points
+        """The names of the bits that are set in a raw value, or its own, or it in hex; None if it has none."""
+        if not self.has_meanings:
             return None
         if isinstance(raw, str | bytes | float):
             return None
         if self.bits:
             on = [name for bit, name in enumerate(self.bits) if name and raw >> bit & 1]
             return ", ".join(on) or "none"
-        return self.names.get(str(int(raw)))
+        name = self.names.get(str(int(raw)))
+        return f"{int(raw):04X}h" if name is None and self.hexadecimal else name
 
 
 def _plain(name: str) -> str:

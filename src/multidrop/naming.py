@@ -117,6 +117,8 @@ def parse_device(text: str, *, broadcast: bool = False) -> DeviceName:
     """Raises `UsageError` with the grammar."""
     who, at, where = text.partition("@")
     if not at or not who or where.startswith(",") or not where:
+        if broadcast:
+            raise UsageError(f"{text!r} is not a line: PROFILE@PORT, as in flexmax@/dev/ttyUSB0")
         raise UsageError(f"{text!r} is not a device: {GRAMMAR}")
     port, options = parse_port(where)
     if broadcast:

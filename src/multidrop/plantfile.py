@@ -161,6 +161,8 @@ class _Reading:
             return points, described
         for name, entry in table.items():
             given = {"at": entry} if isinstance(entry, str) else entry
+            if isinstance(given, dict) and name in profile.points:
+                given = {"at": name, **given}
             if not isinstance(given, dict) or not isinstance(given.get("at"), str):
                 self.wrong.append(
                     f'{where}.{name} is neither a point nor a table with at = "POINT"'

@@ -101,7 +101,7 @@ def shown(point: Point, sample: Sample) -> str:
     text = shown_value(description.physical(sample.value))
     if description.unit:
         text += f" {description.unit}"
-    if description.names or description.bits:
+    if description.has_meanings:
         meaning = description.meaning_of(sample.value)
         text += f" ({meaning})" if meaning else ""
     return text

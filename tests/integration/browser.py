@@ -1,14 +1,12 @@
-"""A real browser on the page. Without one a test is skipped; .ci/run makes that a failure."""
+"""A real browser on the page. Without one a test is skipped."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import pytest
+from programs import program
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
@@ -17,7 +15,6 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from integration.processes import PATIENCE
 
-NEEDED = "MULTIDROP_NEEDS_BROWSER"
 ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",  # the tests may run as root
@@ -29,14 +26,7 @@ ARGUMENTS = (
 
 
 def driver_path() -> str:
-    """Where the browser's driver is. Skips the test if it is nowhere, or fails it where it must be."""
-    found = shutil.which("chromedriver")
-    if found is None:
-        why = "chromium and its driver are not installed (make chromium)"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return found
+    return program("chromedriver", "make chromium")
 
 
 class Browser:

@@ -112,6 +112,15 @@ def counting(*lines: CountingLine) -> Iterator[None]:
             line.close()
 
 
+@contextlib.contextmanager
+def plant(folder: Path, tables: str, *lines: CountingLine) -> Iterator[None]:
+    """A plant file of these lines, and of `tables` beside them."""
+    text = "".join(line.toml for line in lines) + tables
+    (folder / "multidrop.toml").write_text(text, encoding="utf-8")
+    with counting(*lines):
+        yield
+
+
 def wait_until(happened: object, patience: float = PATIENCE) -> None:
     until = time.monotonic() + patience
     while not happened():  # type: ignore[operator]

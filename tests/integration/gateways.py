@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from integration.processes import PATIENCE, Running, multidrop, running
+from integration.processes import PATIENCE, Running, running
 from integration.threads import simulated
+from multidrop.gateway.web.tokens import Right, make_token
 
 PLANT = """
 [line.press]
@@ -127,15 +128,20 @@ class RunningGateway:
     reader: str  # a token that may read only
 
 
+def tokens(folder: Path) -> tuple[str, str]:
+    """Of `tester`, who may write, and of `reader`, made as `multidrop token` makes them."""
+    file = folder / "tokens.toml"
+    writer = make_token(file, "tester", [Right.READ, Right.WRITE])
+    return writer, make_token(file, "reader", [Right.READ])
+
+
 @contextlib.contextmanager
 def gateway(folder: Path, more: str = "", plant: str = PLANT) -> Iterator[RunningGateway]:
     """The plant above on a simulated line; `more` is added to its file."""
     with simulated("flexmax:0", "flexmax:1") as line:
         file = folder / "multidrop.toml"
         file.write_text(plant.format(port=line.port) + more, encoding="utf-8")
-        tokens = str(folder / "tokens.toml")
-        writer = multidrop("token", "tester", "--write", "-o", tokens).out.strip()
-        reader = multidrop("token", "reader", "-o", tokens).out.strip()
+        writer, reader = tokens(folder)
         with running("run", str(file)) as program:
             url = program.wait_for("://")
             yield RunningGateway(Client(url, writer), program, folder, reader)

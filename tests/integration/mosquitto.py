@@ -1,32 +1,22 @@
-"""A real Mosquitto of the test's own. Without it a test is skipped; .ci/run makes that a failure."""
+"""A real Mosquitto of the test's own. Without it a test is skipped."""
 
 from __future__ import annotations
 
 import contextlib
-import os
-import shutil
 import socket
 import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
+from programs import program
 
 from integration.processes import PATIENCE
 
-NEEDED = "MULTIDROP_NEEDS_MOSQUITTO"
 
-
-def found(program: str) -> str:
-    """Where one of Mosquitto's programs is. Skips the test if nowhere, or fails it where it must be."""
-    path = shutil.which(program, path=f"{os.environ['PATH']}:/usr/sbin")
-    if path is None:
-        why = f"{program} is not installed (make mosquitto)"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return path
+def found(name: str) -> str:
+    """Where one of its programs is."""
+    return program(name, "make mosquitto")
 
 
 class Broker:

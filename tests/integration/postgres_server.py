@@ -12,8 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-from postgres import NEEDED
+from programs import program
 
 from integration.processes import PATIENCE
 
@@ -25,18 +24,6 @@ SETTINGS = (
     "-c",
     "shared_buffers=16MB",
 )
-
-
-def program(name: str) -> str:
-    """Where one of PostgreSQL's programs is: Debian has them outside the path."""
-    places = [*Path("/usr/lib/postgresql").glob("*/bin"), Path("/usr/local/bin")]
-    found = shutil.which(name, path=os.pathsep.join([os.environ["PATH"], *map(str, places)]))
-    if found is None:
-        why = f"{name} is not installed"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return found
 
 
 def as_nobody_special(*command: str) -> list[str]:

@@ -21,7 +21,7 @@ CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 class Terminal:
     """Standard input, output and error of one command are a terminal."""
 
-    def __init__(self, *arguments: str, cwd: Path | None = None) -> None:
+    def __init__(self, *arguments: str, cwd: Path | None = None, **changes: str) -> None:
         self._fd, other = pty.openpty()
         self.process = subprocess.Popen(
             [COMMAND, *arguments],
@@ -29,7 +29,9 @@ class Terminal:
             stdout=other,
             stderr=other,
             cwd=cwd,
-            env=environment(TERM="xterm", NO_COLOR="", COLUMNS="120", LINES="40"),
+            env=environment(
+                **{"TERM": "xterm", "NO_COLOR": "", "COLUMNS": "120", "LINES": "40", **changes}
+            ),
             start_new_session=True,
         )
         os.close(other)
@@ -91,8 +93,8 @@ class Terminal:
 
 
 @contextlib.contextmanager
-def on_terminal(*arguments: str, cwd: Path | None = None) -> Iterator[Terminal]:
-    terminal = Terminal(*arguments, cwd=cwd)
+def on_terminal(*arguments: str, cwd: Path | None = None, **changes: str) -> Iterator[Terminal]:
+    terminal = Terminal(*arguments, cwd=cwd, **changes)
     try:
         yield terminal
     finally:

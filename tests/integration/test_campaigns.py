@@ -9,8 +9,7 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -24,8 +23,8 @@ from integration.counting import (
     SOAK,
     CountingLine,
     all_is_kept,
-    counting,
     lost_of,
+    plant,
     recorded,
     stop,
 )
@@ -36,14 +35,6 @@ LAST = 1.0
 """s before a kill -9 of which samples may be lost: history is written twice in them."""
 
 KILLED = "the gateway ended without being stopped"
-
-
-@contextmanager
-def plant(folder: Path, tables: str, *lines: CountingLine) -> Iterator[None]:
-    text = "".join(line.toml for line in lines) + tables
-    (folder / "multidrop.toml").write_text(text, encoding="utf-8")
-    with counting(*lines):
-        yield
 
 
 # -- killed ----------------------------------------------------------------------------------------

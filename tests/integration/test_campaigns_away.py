@@ -8,7 +8,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from integration.counting import SOAK, CountingLine, all_is_kept, counting, stop, wait_until
+from integration.counting import SOAK, CountingLine, all_is_kept, plant, stop, wait_until
 from integration.gateways import Client
 from integration.mosquitto import broker
 from integration.postgres_server import postgres_server
@@ -17,7 +17,6 @@ from integration.test_gateway_mqtt import Watcher, watcher
 
 AWAY_FOR = 60.0 if SOAK else 2.0
 LINES = 4
-HTTP = '[http]\nlisten = "127.0.0.1:0"\n'
 
 
 def test_a_database_server_that_is_killed(tmp_path: Path) -> None:
@@ -25,10 +24,8 @@ def test_a_database_server_that_is_killed(tmp_path: Path) -> None:
     with ExitStack() as stack:
         server = stack.enter_context(postgres_server(tmp_path))
         lines = [CountingLine(f"line{number}") for number in range(LINES)]
-        stack.enter_context(counting(*lines))
-        text = "".join(line.toml for line in lines)
-        text += f'{HTTP}[history]\ndsn = "{server.dsn}"\n'
-        (tmp_path / "multidrop.toml").write_text(text)
+        tables = f'[http]\nlisten = "127.0.0.1:0"\n[history]\ndsn = "{server.dsn}"\n'
+        stack.enter_context(plant(tmp_path, tables, *lines))
         program = stack.enter_context(running("run", cwd=tmp_path))
         client = Client(program.wait_for("http://"))
 
@@ -57,10 +54,8 @@ def test_a_broker_that_is_killed(tmp_path: Path) -> None:
     with ExitStack() as stack:
         mosquitto = stack.enter_context(broker(tmp_path))
         lines = [CountingLine(f"line{number}") for number in range(LINES)]
-        stack.enter_context(counting(*lines))
-        text = "".join(line.toml for line in lines)
-        text += f'[history]\n[mqtt]\nhost = "127.0.0.1"\nport = {mosquitto.port}\n'
-        (tmp_path / "multidrop.toml").write_text(text)
+        tables = f'[history]\n[mqtt]\nhost = "127.0.0.1"\nport = {mosquitto.port}\n'
+        stack.enter_context(plant(tmp_path, tables, *lines))
         program = stack.enter_context(running("run", cwd=tmp_path))
         program.wait_for("mqtt: connected")
         lines[-1].wait_for_more(20)

@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from postgres import own_database
 
-from integration.counting import SOAK, CountingLine, all_is_kept, counting, stop, wait_until
-from integration.gateways import Client
-from integration.processes import Running, multidrop, running
+from integration.counting import SOAK, CountingLine, all_is_kept, plant, stop, wait_until
+from integration.gateways import Client, tokens
+from integration.processes import Running, running
 from integration.writes import logged
 
 FULL_FOR = 60.0 if SOAK else 2.0
@@ -96,9 +96,8 @@ def test_a_disk_that_is_full_for_a_while(
         if database == "postgres":
             tables += f'dsn = "{stack.enter_context(own_database())}"\n'
         line = CountingLine("press")
-        (folder / "multidrop.toml").write_text(line.toml + tables)
-        token = multidrop("token", "ann", "--write", "-o", str(folder / "tokens.toml")).out.strip()
-        stack.enter_context(counting(line))
+        stack.enter_context(plant(folder, tables, line))
+        token, _ = tokens(folder)
         program = stack.enter_context(running("run", cwd=folder, MULTIDROP_AUDIT=str(audit)))
         client = Client(program.wait_for("http://"), token)
         line.wait_for_more(30)

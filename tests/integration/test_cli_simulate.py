@@ -39,6 +39,7 @@ def test_sigterm_is_a_clean_end() -> None:
         (("flexmax:0", "--listen", "pty", "--fault", "nois=1%"), "did you mean 'noise'"),
         (("flexmax:0", "--listen", "pty", "--delay", "-1"), "--delay and --late are times"),
         (("flexmax:0", "--listen", "pty", "--baud", "9"), "baud rate 9 is out of range"),
+        (("plant.toml", "ax-v:2"), "plant.toml has its own devices: leave ax-v:2 away"),
         (("nowhere.toml",), "nowhere.toml: No such file"),
         ((), "which devices? As in flexmax:0"),
     ],

@@ -39,6 +39,17 @@ def test_a_command_that_is_not_confirmed_is_not_sent(
     assert not audit.exists() or audit.read_text() == ""
 
 
+def test_a_question_names_what_moves_and_what_nobody_knows(plant: Simulator) -> None:
+    device = plant.device("flexmax:0")
+    with on_terminal("write", device, "8236=5", "control_word=6") as terminal:
+        shown = terminal.wait_for("[y/N]")
+        assert "control_word (std/0x6040.0)=6 may start, stop or switch" in shown
+        assert f"no profile says what index_8236 (8236)=5 does: it may move {device}" in shown
+        assert terminal.interrupt() == 130
+    ran = multidrop("read", device, "8236")
+    assert " 0 " in ran.out
+
+
 def test_ctrl_c_at_a_question(plant: Simulator) -> None:
     device = plant.device("flexmax:0")
     with on_terminal("write", device, "control_word=6") as terminal:
@@ -52,7 +63,8 @@ def test_ctrl_c_at_a_question(plant: Simulator) -> None:
     "arguments",
     [
         ("write", "flexmax:1", "control_word=0", "--yes"),
-        ("write", "flexmax:1", "8236=1"),  # no command: no question
+        ("write", "flexmax:1", "speed_setpoint=1"),  # no command: no question
+        ("write", "flexmax:1", "8236=1", "--yes"),
         ("clear-faults", "flexmax:1", "--yes"),
         ("raw", "flexmax:1", "2300", "--yes"),
         ("read", "flexmax:1", "8236"),
@@ -71,6 +83,9 @@ def test_where_nothing_is_asked(fresh: Address, arguments: tuple[str, ...]) -> N
     [
         ("clear-faults", "flexmax:1"),
         ("raw", "flexmax:1", "2300"),
+        ("reset-comm", "flexmax:1"),
+        ("write", "flexmax:1", "8236=1"),  # nobody knows what it is
+        ("write", "flexmax:1", "speed_setpoint=1", "64000:int16=1"),
         ("broadcast", "flexmax", "8236:int16=1", "--verify", "0"),
     ],
     ids=" ".join,

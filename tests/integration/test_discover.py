@@ -193,7 +193,7 @@ class Partly(SimulatedInstrument):
         liked = [
             event
             for event in events
-            if isinstance(event, FrameReceived) and not 0x300 <= event.frame.memory_address < 0x400
+            if isinstance(event, FrameReceived) and not 0x300 <= event.frame.memory_address < 0x380
         ]
         return super().receive(list(liked), now)
 
@@ -201,12 +201,14 @@ class Partly(SimulatedInstrument):
 def test_silence_about_some_of_its_memory_is_no_death() -> None:
     instrument = Partly(1, Controller(1))
     with served(SimulatedLine([instrument], datalink.decoder)) as address:
-        device = address.device("53mc5000:1", timeout=0.02, attempts=1)
+        device = address.device(
+            "53mc5000:1", timeout=0.25, attempts=1
+        )  # long for who answers at once
         with connect(device) as connection:
             run = Discovery(connection, "0x200..0x45F")
-            assert len(list(run.run())) == 19 + 8
+            assert len(list(run.run())) == 19 + 4
     assert run.summary().unanswered == tuple(
-        f"mem/0x{place:04X}/32" for place in range(0x300, 0x400, 32)
+        f"mem/0x{place:04X}/32" for place in range(0x300, 0x380, 32)
     )
     found = run.profile("found").points
     assert "b255" in found

@@ -28,6 +28,7 @@ class Site:
 
     folder: Path
     axis: str
+    line: SimulatedLine
 
     def run(self, *arguments: str, status: int) -> str:
         ran = multidrop("watch-drift", "plant.toml", *arguments, cwd=self.folder)
@@ -50,7 +51,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
             '[line.b.device.spare]\nprofile = "ax-v"\naddress = 7\n'
             '[line.b.device.winder]\nprofile = "ax-v"\naddress = 2\n'
         )
-        yield Site(tmp_path, axis.device("ultra3000:0", timeout=1))
+        yield Site(tmp_path, axis.device("ultra3000:0", timeout=1), line)
 
 
 def test_what_was_changed_at_the_keypad(site: Site) -> None:
@@ -110,6 +111,33 @@ def test_again_and_again_says_each_change_once(site: Site) -> None:
     assert ended.status == 130
     assert ended.out.count("kp") == 1
     assert ended.err.count("spare") == 1
+
+
+def test_a_silence_makes_no_change_new(site: Site) -> None:
+    """What was said before it is not said again when the device is back; its next silence is."""
+    file = site.folder / "plant.toml"
+    file.write_text(file.read_text().replace("timeout = 1\n", "timeout = 0.4\n"))
+    site.run("--save", status=4)
+    arguments = ("watch-drift", "plant.toml", "--every", "0.1")
+    with running(*arguments, cwd=site.folder) as program:
+        program.wait_for("spare: no reply")
+        with connect(site.axis) as axis:
+            axis.write("kp", 6)
+        program.wait_for("axis: kp (0x011)   4 -> 6")
+        for point, value in (("ki", 3), ("position_error_limit", 9000)):
+            device = site.line.devices.pop()
+            program.wait_for("axis: no reply")
+            site.line.devices.append(device)
+            with connect(site.axis) as axis:
+                axis.write(point, value)
+            program.wait_for(f"axis: {point} (")
+        ended = program.interrupt()
+    assert [line.split()[1] for line in ended.out.splitlines()] == [
+        "kp",
+        "ki",
+        "position_error_limit",
+    ]
+    assert ended.err.count("axis: no reply") == 2
 
 
 def test_a_plant_without_devices(tmp_path: Path) -> None:

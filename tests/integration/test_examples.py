@@ -17,6 +17,7 @@ import pytest
 
 from integration.processes import (
     COMMAND,
+    DEVICES,
     PATIENCE,
     Address,
     Running,
@@ -34,6 +35,12 @@ GOES_ON = {"simulate", "watch", "demo"}
 
 def test_there_are_examples() -> None:
     assert len(EXAMPLES) >= 4
+
+
+def test_they_run_against_what_the_readme_starts() -> None:
+    """`fresh` simulates the same devices."""
+    (started,) = re.findall(r"^multidrop simulate (.*) --listen", README, re.MULTILINE)
+    assert started.split() == list(DEVICES)
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)

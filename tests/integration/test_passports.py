@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from integration.presses import press
 from integration.processes import COMMAND, PATIENCE, environment, multidrop
 from integration.threads import served
 from multidrop import errors
@@ -28,22 +29,15 @@ from multidrop.sim.devices import simulated_device
 from multidrop.sim.faults import Fault, NoFaults, RandomFaults
 from multidrop.sim.line import LineFaults, SimulatedLine
 
-PRESS = """
-[profile]
-name = "press"
-version = "3"
-protocol = "slink3"
-dialect = "flexmax"
-[points]
-address = { at = "8511:uint16", role = "communication" }
-control_word = { at = "std/0x6040.0:uint16", role = "command" }
-actual_speed = { at = "std/0x6044.0:int16", role = "measured", access = "r" }
-speed_setpoint = { at = "std/0x6042.0:int16", role = "setpoint", unit = "rpm" }
-""" + "".join(
-    f'ramp_{n} = {{ at = "{9000 + n}:{kind}", role = "setting", unit = "s", scale = {scale}, minimum = 0, maximum = 100 }}\n'
-    for n, (kind, scale) in enumerate(
-        [("int16", 0.1), ("uint16", 0.01), ("int16", 1), ("int32", 0.001), ("uint32", 1), ("float32", 1)] * 3
-    )
+PRESS = press(
+    'actual_speed = { at = "std/0x6044.0:int16", role = "measured", access = "r" }',
+    'speed_setpoint = { at = "std/0x6042.0:int16", role = "setpoint", unit = "rpm" }',
+    *(
+        f'ramp_{n} = {{ at = "{9000 + n}:{kind}", role = "setting", unit = "s", scale = {scale}, minimum = 0, maximum = 100 }}'
+        for n, (kind, scale) in enumerate(
+            [("int16", 0.1), ("uint16", 0.01), ("int16", 1), ("int32", 0.001), ("uint32", 1), ("float32", 1)] * 3
+        )
+    ),
 )  # fmt: skip
 
 KILLS, RATES = (10, [0.0, 0.05]) if os.environ.get("MULTIDROP_SOAK") else (4, [0.05])

@@ -10,27 +10,23 @@ from pathlib import Path
 
 import pytest
 
+from integration.presses import press
 from integration.processes import Ran, multidrop, running
 from integration.threads import served
 from multidrop.catalog import load_profile
+from multidrop.io.connection import Target, connect
+from multidrop.passports.backup import backup, save
+from multidrop.plantfile import load_plant
 from multidrop.protocols import slink3
 from multidrop.sim.devices import simulated_device
 from multidrop.sim.line import Pace, SimulatedLine
 
-PRESS = """
-[profile]
-name = "press"
-version = "3"
-protocol = "slink3"
-dialect = "flexmax"
-[points]
-address = { at = "8511:uint16", role = "communication" }
-control_word = { at = "std/0x6040.0:uint16", role = "command" }
-model = { at = "8200:uint16", role = "identity", access = "r" }
-ramp = { at = "9000:int16", role = "setting", unit = "s", scale = 0.1, minimum = 0, maximum = 100 }
-gain = { at = "9001:float32", role = "setting" }
-label = { at = "9002:string", role = "setting" }
-"""
+PRESS = press(
+    'model = { at = "8200:uint16", role = "identity", access = "r" }',
+    'ramp = { at = "9000:int16", role = "setting", unit = "s", scale = 0.1, minimum = 0, maximum = 100 }',
+    'gain = { at = "9001:float32", role = "setting" }',
+    'label = { at = "9002:string", role = "setting" }',
+)
 
 
 @dataclass
@@ -66,7 +62,8 @@ class Plant:
 
 
 @pytest.fixture
-def plant(tmp_path: Path) -> Iterator[Plant]:
+def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Plant]:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "press.toml").write_text(PRESS)
     profile = load_profile(str(tmp_path / "press.toml"))
     line = SimulatedLine([simulated_device(profile, at) for at in (0, 1)], slink3.decoder)
@@ -78,10 +75,11 @@ def plant(tmp_path: Path) -> Iterator[Plant]:
                 for at, name in enumerate(("infeed", "outfeed"))
             )
         )
-        made = Plant(tmp_path, line)
-        made.run("write", "infeed", "ramp=0.5")
-        made.run("backup", "infeed", "-o", "a.toml")
-        yield made
+        infeed = load_plant(tmp_path / "multidrop.toml", load_profile).devices["infeed"]
+        with connect(Target(infeed.device, infeed.profile)) as device:
+            device.write("ramp", 0.5)
+            save(backup(device), tmp_path / "a.toml")
+        yield Plant(tmp_path, line)
 
 
 def test_a_value_that_was_edited_counts_whatever_stands_in_raw(plant: Plant) -> None:

@@ -133,6 +133,14 @@ def test_a_phone_has_room_for_it(page: Browser, shared: RunningGateway, view: st
         assert link.rect["y"] > 600
 
 
+def test_trends_begin_with_the_points_of_a_device(page: Browser, shared: RunningGateway) -> None:
+    page.open(f"{shared.client.url}#/trends")
+    page.until(lambda: page.text(".empty button") == "infeed")
+    page.one(".empty button").click()
+    page.until(lambda: "infeed speed" in page.text(".picker"))
+    assert not page.all(".empty")
+
+
 def test_trends_draw_what_came(page: Browser, shared: RunningGateway) -> None:
     page.open(f"{shared.client.url}#/trends?p=infeed/speed&p=infeed/feed&span=300")
     page.until(lambda: len(page.all(".uplot canvas")) == 2, "a chart for each unit")

@@ -11,18 +11,11 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from integration.browser import Browser, browser, driver_path
+from integration.browser import Browser
 from integration.processes import running
-from integration.test_web_passports import PLANT, POINTS, Site, site_in
+from integration.test_web_passports import IMPATIENT, PLANT, POINTS, SLOW, Site, site_in
 
 VIEW = "#/device/axis"
-
-
-@pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    driver_path()
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +23,18 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     folder = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MULTIDROP_AUDIT", str(folder / "audit.jsonl"))
-        with site_in(folder, delay=0.008) as started:  # three seconds for all points
+        with site_in(folder) as started:
             yield started
+
+
+def look_at(window: Browser, site: Site) -> None:
+    """The axis, with a token that may write; there is no backup of it yet."""
+    window.open(site.client.url)
+    window.run("sessionStorage.clear(); localStorage.clear()")
+    window.run("sessionStorage.setItem('multidrop token', arguments[0])", site.client.token)
+    window.open(f"{site.client.url}{VIEW}")
+    window.until(lambda: window.text("#link") == "live")
+    window.until(lambda: "none of this device" in window.text(".backups"))
 
 
 @pytest.fixture
@@ -40,12 +43,7 @@ def page(window: Browser, shared: Site) -> Iterator[Browser]:
     shared.clear()
     window.usual()
     window.complaints()
-    window.open(shared.client.url)
-    window.run("sessionStorage.clear(); localStorage.clear()")
-    window.run("sessionStorage.setItem('multidrop token', arguments[0])", shared.client.token)
-    window.open(f"{shared.client.url}{VIEW}")
-    window.until(lambda: window.text("#link") == "live")
-    window.until(lambda: "none of this device" in window.text(".backups"))
+    look_at(window, shared)
     yield window
     assert window.complaints() == []
 
@@ -56,6 +54,14 @@ def press(page: Browser, text: str) -> None:
         one.textContent === arguments[0] && !one.disabled && one.offsetParent !== null);
         found?.click(); return Boolean(found)"""
     page.until(lambda: page.run(script, text), text)
+
+
+def begin(page: Browser, site: Site) -> None:
+    """A backup that is under way, and that takes its time."""
+    site.answers_after(SLOW)
+    press(page, "Make a backup")
+    page.until(lambda: f"of {POINTS} points" in page.text(".reading"))
+    page.until(lambda: page.run("return document.querySelector('progress').position > 0"))
 
 
 def make(page: Browser, count: int = 1) -> None:
@@ -71,9 +77,8 @@ def cells(page: Browser, selector: str) -> list[list[str]]:
 
 
 def test_a_backup_is_made(page: Browser, shared: Site) -> None:
-    press(page, "Make a backup")
-    page.until(lambda: f"of {POINTS} points" in page.text(".reading"))
-    page.until(lambda: page.run("return document.querySelector('progress').position > 0"))
+    begin(page, shared)
+    shared.answers_after(0.0)
     page.until(lambda: "Backup made" in page.text(".backups .note.good"))
     page.until(lambda: page.all(".passports tbody tr"))
     ((_, points, file, _),) = cells(page, ".passports tbody tr")
@@ -118,26 +123,28 @@ def test_the_file_is_saved(page: Browser, shared: Site, tmp_path: Path) -> None:
 
 
 def test_it_can_be_stopped(page: Browser, shared: Site) -> None:
-    press(page, "Make a backup")
+    begin(page, shared)
     press(page, "Stop")
     page.until(lambda: "Stopped" in page.text(".backups .note.warn"))
     assert os.listdir(shared.folder / "kept") == []
 
 
-def test_a_device_that_falls_silent(page: Browser, shared: Site) -> None:
-    press(page, "Make a backup")
-    page.until(lambda: page.run("return document.querySelector('progress').position > 0"))
-    device = shared.line.devices.pop()
-    try:
-        page.until(lambda: "No backup was made" in page.text(".backups .note.bad"))
-    finally:
-        shared.line.devices.append(device)
-    page.until(lambda: "answers" in page.text(".head .state"))
+def test_a_device_that_falls_silent(window: Browser, tmp_path: Path) -> None:
+    with site_in(tmp_path, plant=IMPATIENT) as site:
+        look_at(window, site)
+        begin(window, site)
+        device = site.line.devices.pop()
+        window.until(lambda: "No backup was made" in window.text(".backups .note.bad"))
+        window.until(lambda: "no reply" in window.text(".head .state"))
+        site.line.devices.append(device)
+        window.until(lambda: "answers" in window.text(".head .state"))
 
 
 def test_what_somebody_else_begins_is_seen(page: Browser, shared: Site) -> None:
+    shared.answers_after(SLOW)
     assert shared.post("/api/passports", "axis").status == 200
     page.until(lambda: "points" in page.text(".reading"))
+    shared.answers_after(0.0)
     page.until(lambda: len(page.all(".passports tbody tr")) == 1)
 
 
@@ -250,12 +257,9 @@ def test_differences_stay_when_the_server_was_lost(window: Browser, tmp_path: Pa
 
 def test_a_gateway_that_was_started_anew(window: Browser, tmp_path: Path) -> None:
     """It knows nothing of the backup that was under way: nobody waits for that for ever."""
-    with site_in(tmp_path, delay=0.05) as site:
-        window.open(site.client.url)
-        window.run("sessionStorage.setItem('multidrop token', arguments[0])", site.client.token)
-        window.open(f"{site.client.url}{VIEW}")
-        press(window, "Make a backup")
-        window.until(lambda: "points" in window.text(".reading"))
+    with site_in(tmp_path) as site:
+        look_at(window, site)
+        begin(window, site)
         site.program.end(signal.SIGKILL)
         file = site.folder / "multidrop.toml"
         text = file.read_text("utf-8")

@@ -1,34 +1,25 @@
-"""tshark with multidrop's dissector. Without tshark a test is skipped; .ci/run makes that a failure."""
+"""tshark with multidrop's dissector. Without tshark a test is skipped."""
 
 from __future__ import annotations
 
 import functools
 import os
 import re
-import shutil
 import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-import pytest
+from programs import program
 
 import multidrop
 
-NEEDED = "MULTIDROP_NEEDS_TSHARK"
 LUA = Path(multidrop.__file__).parent / "wireshark" / "multidrop.lua"
 INFO = "info"
 """The line that stands in the list of packets; tshark 4.2 spells its field differently."""
 
 
 def tshark_path() -> str:
-    """Where tshark is. Skips the test if it is nowhere, or fails it where it must be."""
-    found = shutil.which("tshark")
-    if found is None:
-        why = "tshark is not installed (make tshark)"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return found
+    return program("tshark", "make tshark")
 
 
 @functools.cache

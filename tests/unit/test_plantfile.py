@@ -62,6 +62,16 @@ def test_a_point_of_the_profile_keeps_its_role_under_another_name() -> None:
     assert points["setpoint"].meaning == "of the infeed"
 
 
+def test_a_name_of_the_profile_is_where_it_is() -> None:
+    found = plant(PLANT.replace('"8238:int16"', '"8238:int16"\nstatus_word = { every = 5 }', 1))
+    point = found.devices["infeed"].points["status_word"]
+    assert (point.at, point.every) == ("status_word", 5)
+    elsewhere = plant(
+        PLANT.replace('"8238:int16"', '"8238:int16"\nstatus_word = { at = "8239:int16" }', 1)
+    )
+    assert elsewhere.devices["infeed"].points["status_word"].at == "8239:int16"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

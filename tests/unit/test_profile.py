@@ -148,6 +148,7 @@ def test_values_that_the_profile_allows(given: dict[str, Any], value: Any) -> No
     ("given", "value", "message"),
     [
         ({"minimum": 0, "unit": "rpm"}, -1, "-1 rpm is out of range for speed: 0.. rpm"),
+        ({"maximum": 5}, 99999.0, "99999 is out of range for speed: ..5"),
         ({"maximum": 5}, 5.5, "5.5 is out of range for speed: ..5"),
         ({"minimum": 0, "maximum": 5}, 6, "6 is out of range for speed: 0..5"),
         ({"step": 0.5}, 1.25, "1.25 is no value for speed: multiples of 0.5"),
@@ -175,6 +176,13 @@ def test_names_of_bits() -> None:
     assert flags.meaning_of(0b101) == "ready, fault"
     assert flags.meaning_of(0b010) == "none"
     assert flags.meaning_of("5") is None
+
+
+def test_codes_that_manuals_print_in_hex() -> None:
+    code = point(hexadecimal=True)
+    assert code.meaning_of(0x2310) == "2310h"
+    assert code.meaning_of(0) == "0000h"
+    assert code.meaning_of("2310") is None
 
 
 def test_the_nearest_word() -> None:

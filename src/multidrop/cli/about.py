@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Sequence
 from typing import Any
 
 import click
 
 from multidrop.catalog import load_profile
+from multidrop.cli.flags import as_json
+from multidrop.cli.words import json_line
 from multidrop.profile import PointDescription
 
 PLAIN_WIDTH = 240
 """Columns of a table that goes into a file or a pipe."""
 
-_as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
+GAP = 3
+"""Characters between two columns."""
 
 
 @click.command(epilog="Example: multidrop ports")
-@_as_json
+@as_json
 def ports(json: bool) -> None:
     """List the serial ports of this machine: stable name, adapter, busy or not, latency."""
     from multidrop.io.list_ports import list_ports
@@ -26,7 +28,7 @@ def ports(json: bool) -> None:
     found = list_ports()
     if json:
         for facts in found:
-            click.echo(json_module.dumps({"v": 1, **facts.fields()}))
+            click.echo(json_line(facts.fields()))
         return
     if not found:
         click.echo("no serial ports on this machine; a device server is tcp://HOST:PORT", err=True)
@@ -47,14 +49,14 @@ def ports(json: bool) -> None:
 @click.command(epilog="Example: multidrop points flexmax speed")
 @click.argument("profile")
 @click.argument("word", required=False)
-@_as_json
+@as_json
 def points(profile: str, word: str | None, json: bool) -> None:
     """List the points of PROFILE, or those that WORD occurs in."""
     found = load_profile(profile)
     chosen = [item for item in found.points.values() if word is None or _mentions(item, word)]
     if json:
         for item in chosen:
-            click.echo(json_module.dumps({"v": 1, "profile": found.name, **_facts(item)}))
+            click.echo(json_line({"profile": found.name, **_facts(item)}))
         return
     rows = [
         (
@@ -106,18 +108,32 @@ def _limits(item: PointDescription) -> str:
 
 
 def print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table for a terminal of any width, plain when it goes into a file."""
+    """A table whose columns fold between words, plain when it goes into a file.
+
+    Where a terminal has no room for whole words, each row is two lines: a name
+    that is folded cannot be typed.
+    """
     from rich import box
+    from rich.cells import cell_len
     from rich.console import Console
     from rich.table import Table
 
+    if not rows:
+        return
+    columns = list(zip(heads, *rows, strict=True))
+    words = [
+        max(cell_len(word) for cell in column for word in cell.split(" ")) for column in columns
+    ]
+    console = Console()
+    room = console.width if console.is_terminal else PLAIN_WIDTH
+    if sum(words) + GAP * len(words) > room:
+        for first, second, *others in rows:
+            click.echo(f"{first}   {second}\n    {'   '.join(filter(None, others))}".rstrip())
+        return
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for head in heads:
-        table.add_column(head, overflow="fold")
+    for head, *cells in columns:
+        table.add_column(head, overflow="fold", no_wrap=not any(" " in cell for cell in cells))
     for row in rows:
         table.add_row(*row)
-    if rows:
-        console = Console()
-        if not console.is_terminal:
-            console = Console(width=PLAIN_WIDTH)
-        console.print(table)
+    console.width = room
+    console.print(table)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_module
 from typing import Any
 
 import click
 
 from multidrop.cli.failures import failure_as_line, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.cli.writing import as_line, parse_assignment
+from multidrop.cli.words import json_line
+from multidrop.cli.writing import facts, parse_assignment
 from multidrop.conversation import Conversation
 from multidrop.device import Received
 from multidrop.errors import OutcomeUnknown, PortError, UsageError
@@ -102,11 +102,9 @@ def _name(target: Target, slave: Received) -> str:
 def _show(target: Target, slave: Received, as_json: bool) -> None:
     name = _name(target, slave)
     if as_json:
+        seen = {"received": slave.received, "applied": slave.applied}
         for record in slave.written:
-            line: dict[str, Any] = json_module.loads(as_line(name, record))
-            click.echo(
-                json_module.dumps({**line, "received": slave.received, "applied": slave.applied})
-            )
+            click.echo(json_line({**facts(name, record), **seen}))
         return
     words = {True: "yes", False: "NO", None: "unknown"}
     note = f"   ({slave.note})" if slave.note else ""

@@ -8,14 +8,7 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.listening import (
-    company,
-    filter_of,
-    find_plant,
-    listening_options,
-    protocol_name,
-    style_of,
-)
+from multidrop.cli.listening import Listening, company, find_plant, listening, protocol_name
 from multidrop.errors import UsageError
 from multidrop.tools.captures.decode import Decoding, Done
 from multidrop.tools.captures.decode import decode as decode_capture
@@ -33,29 +26,17 @@ MOST_NOTES = 10
 @click.argument("file", metavar="FILE")
 @click.option("--frames", is_flag=True, help="each frame with its fields, not transactions")
 @click.option("--quiet", "-q", is_flag=True, help="only the summary")
-@listening_options
-def decode(
-    file: str,
-    frames: bool,
-    quiet: bool,
-    json: bool,
-    csv: bool,
-    protocol: str | None,
-    device_profiles: tuple[str, ...],
-    device: tuple[str, ...],
-    point: tuple[str, ...],
-    kind: tuple[str, ...],
-    config: str | None,
-) -> None:
+@listening
+def decode(asked: Listening, file: str, frames: bool, quiet: bool) -> None:
     """Decode the capture FILE into transactions: device, point, value, answer time."""
-    style = style_of(json, csv)
-    wanted = filter_of(device, point, kind)
+    style, wanted = asked.style, asked.wanted
     if frames:
-        if csv or device or point or kind:
+        if asked.csv or asked.device or asked.point or asked.kind:
             raise UsageError("--frames shows all frames, as text or with --json")
-        style = "frames-json" if json else "frames"
-    found = company(find_plant(config), _port_of(file), device_profiles)
-    decoding = Decoding(style, wanted, protocol_name(protocol), found.profiles, found.names)
+        style = "frames-json" if asked.json else "frames"
+    found = company(find_plant(asked.config), _port_of(file), asked.device_profiles)
+    protocol = protocol_name(asked.protocol)
+    decoding = Decoding(style, wanted, protocol, found.profiles, found.names)
     done = _with_progress(decode_capture(file, decoding), file)
     head = STYLES[style].HEAD if style in STYLES else ""
     if not quiet:

@@ -14,7 +14,7 @@ from shutil import which
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line
@@ -34,7 +34,7 @@ PORT_NUMBER = 4001
     "--http", metavar="HOST:PORT", help="where the page is; 127.0.0.1:8080, or any free port"
 )
 @click.option("--terminal", is_flag=True, help="no page: a table in this terminal")
-@click.option("--seconds", type=NumberFrom(0.0), metavar="S", help="end after so long")
+@click.option("--seconds", type=Seconds(), metavar="S", help="end after so long")
 def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | None) -> None:
     """Start a simulated plant and its page, until Ctrl-C.
 
@@ -44,6 +44,10 @@ def demo(listen: str | None, http: str | None, terminal: bool, seconds: float | 
     what it needs they are shown in the terminal.
     """
     page = not terminal and _has_page()
+    if page and http is not None:
+        from multidrop.cli.demo_page import check_place
+
+        check_place(http)
     with contextlib.ExitStack() as stack:
         ports = _start(stack, listen)
         for port in ports.values():
@@ -93,6 +97,8 @@ def _start(stack: contextlib.ExitStack, listen: str | None) -> dict[str, str]:
 
 def _addresses(first: str, count: int) -> list[str]:
     """Where each line listens: the ports from the first on, or any."""
+    if not first.startswith("tcp://"):
+        raise UsageError(f"{first!r} is not of the form tcp://HOST:PORT")
     host, number = tcp_address(first)
     shown = f"[{host}]" if ":" in host else host
     return [f"tcp://{shown}:{number + place if number else 0}" for place in range(count)]

@@ -13,10 +13,21 @@ from pathlib import Path
 import click
 
 from multidrop.cli.run import Said, run_plant
-from multidrop.gateway.web.access import split_address
+from multidrop.errors import UsageError
+from multidrop.gateway.web.access import is_loopback, split_address
 from multidrop.gateway.web.tokens import Right, make_token
 
 USUAL = "127.0.0.1:8080"
+
+
+def check_place(http: str) -> None:
+    """Of the page, before anything is started. Raises `UsageError`."""
+    try:
+        host, _ = split_address(http)
+    except UsageError:
+        raise UsageError(f"--http {http!r} is not HOST:PORT") from None
+    if not is_loopback(host):
+        raise UsageError("the demo is for this machine alone: --http 127.0.0.1:PORT")
 
 
 def show_page(ports: Mapping[str, str], http: str | None, seconds: float | None) -> None:

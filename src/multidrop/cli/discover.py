@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 from collections import Counter
 from pathlib import Path
@@ -11,6 +10,7 @@ import click
 
 from multidrop.cli.failures import INTERRUPTED, failure_as_line
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import duration, json_line
 from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Connection
@@ -92,10 +92,10 @@ def _from_capture(common: Common, device: str, file: str, path: Path) -> int:
     for item in found.points:
         point = item.description
         if common.json:
-            line = {"v": 1, "point": point.at, "name": point.name, "type": item.type}
+            line = {"point": point.at, "name": point.name, "type": item.type}
             facts = {"reads": item.reads, "writes": item.writes, "every": item.every}
             values = [jsonable(value) for value in item.values]
-            click.echo(json_module.dumps({**line, **facts, "values": values}, ensure_ascii=False))
+            click.echo(json_line({**line, **facts, "values": values}))
         else:
             click.echo(f"{point.name} ({point.at})   {item.said}")
     click.echo(f"{path}: {len(found.points)} points heard", err=True)
@@ -123,8 +123,8 @@ def _run(common: Common, run: Discovery) -> None:
     seconds = run.estimate()
     left = len(run.left)
     if common.json:
-        line = {"v": 1, "device": run.connection.name, "places": len(places), "left": left}
-        click.echo(json_module.dumps({**line, "seconds": round(seconds, 1)}))
+        line = {"device": run.connection.name, "places": len(places), "left": left}
+        click.echo(json_line({**line, "seconds": round(seconds, 1)}))
         sys.stdout.flush()
     else:
         first, last = run.sweep.where(places[0]), run.sweep.where(places[-1])
@@ -138,16 +138,6 @@ def _run(common: Common, run: Discovery) -> None:
     ) as bar:
         for _ in bar:
             pass
-
-
-def duration(seconds: float) -> str:
-    """`54 s`, `3 min 20 s`, `2 h 5 min`."""
-    whole = round(seconds)
-    if whole < 120:
-        return f"{whole} s" if whole >= 10 else f"{seconds:.1f} s"
-    if whole < 7200:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
 def _broken_off(state: State, why: KeyboardInterrupt | Error) -> int:
@@ -167,9 +157,9 @@ def _broken_off(state: State, why: KeyboardInterrupt | Error) -> int:
 def _report(common: Common, run: Discovery, path: Path) -> None:
     summary = run.summary()
     if common.json:
-        line = {"v": 1, "device": run.connection.name, "file": str(path), "looked": summary.looked}
+        line = {"device": run.connection.name, "file": str(path), "looked": summary.looked}
         more = {"found": summary.found, "known": summary.known, "unanswered": summary.unanswered}
-        click.echo(json_module.dumps({**line, **more}, ensure_ascii=False))
+        click.echo(json_line({**line, **more}))
         return
     types = Counter(_type_of(run, point) for point in run.points)
     parts = ", ".join(f"{count} {name}" for name, count in types.most_common())

@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import contextlib
-import json as json_module
+import errno
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from multidrop.catalog import CONFIG
+from multidrop.cli import flags
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import find_plant, protocol_name
 from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
+from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
 from multidrop.io.connection import Target
-from multidrop.naming import LINE_KEYS, LineOptions, parse_port
+from multidrop.io.text_file import check_place
+from multidrop.naming import LineOptions, parse_port
 from multidrop.plantfile import Plant
 from multidrop.protocols import PROTOCOLS
 from multidrop.tools.doctor.asking import TIMES
 from multidrop.tools.doctor.doctor import judge
 from multidrop.tools.doctor.examination import Examination, Visit
-from multidrop.tools.doctor.report import lines_of, report
+from multidrop.tools.doctor.report import is_report, lines_of, report
 from multidrop.tools.doctor.verdicts import Verdict, status_of
 from multidrop.tools.scan.plan import parse_addresses
 
@@ -40,10 +45,7 @@ _KEYS = ("baud", "format", "timeout", "silence", "rts", "dtr", "direction")
 _OWN = {key: text for protocol in PROTOCOLS.values() for key, text in protocol.options.items()}
 
 
-def _line_options(command: Any) -> Any:
-    for key in reversed(_KEYS):
-        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=LINE_KEYS[key])(command)
-    return command
+_line_keys = partial(flags.line_keys, keys=_KEYS)
 
 
 @click.command(
@@ -57,13 +59,11 @@ def _line_options(command: Any) -> Any:
 @click.option("--seconds", type=Number(), metavar="S", help="listen for so long (2; 10 alone)")
 @click.option("--times", type=Whole(), default=TIMES, metavar="N", help=f"reads of each ({TIMES})")
 @click.option("--report", "file", metavar="FILE", help="every byte with its time, to send in")
-@click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}")
-@click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
-@click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")
-@click.option(
-    "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
-)
-@_line_options
+@flags.config
+@flags.as_json
+@flags.trace
+@flags.capture
+@_line_keys
 def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Say why a line fails, with the bytes that prove it. Only reads are sent.
 
@@ -80,9 +80,13 @@ def doctor(where: tuple[str, ...], file: str | None, json: bool, trace: bool, **
     if not 1 <= given["times"] <= 10000:
         raise UsageError(f"times={given['times']} is out of range: 1..10000")
     if file is not None:
-        _check_writable(file)
+        _check_report(Path(file))
     taps = RoundTaps(plan.port, trace=trace, capture=given["capture"])
-    with contextlib.closing(taps), _progress(quiet=trace) as tell:
+    with (
+        failure_as_line(plan.port, json, of="port"),
+        contextlib.closing(taps),
+        _progress(quiet=trace) as tell,
+    ):
         case = Examination(
             *(plan.port, plan.options, plan.visits),
             seconds=seconds,
@@ -112,7 +116,7 @@ class _Plan:
 
 def _plan(where: tuple[str, ...], given: dict[str, Any]) -> _Plan:
     """Raises `UsageError`."""
-    keys = {key: given[f"key_{key}"] for key in _KEYS if given[f"key_{key}"] is not None}
+    keys = flags.taken_keys(given)
     targets = _targets(where, given["config"], keys)
     if targets:
         return _of_devices(targets, given)
@@ -195,13 +199,13 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
-def _check_writable(file: str) -> None:
-    """Before anything is sent. Raises `UsageError`."""
-    try:
-        with Path(file).open("a", encoding="utf-8"):
-            pass
-    except OSError as error:
-        raise UsageError(f"{file}: {error.strerror}") from None
+def _check_report(path: Path) -> None:
+    """Before anything is sent: a report replaces an older one, and nothing else. Raises `UsageError`."""
+    check_place(path, force=True)
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise UsageError(f"{path} cannot be written: {os.strerror(errno.EACCES)}")
+    if path.is_file() and path.stat().st_size and not is_report(path):
+        raise UsageError(f"{path} is there and no report of the doctor; it is not replaced")
 
 
 def _write(file: str, case: Case, verdicts: list[Verdict]) -> None:
@@ -213,8 +217,7 @@ def _write(file: str, case: Case, verdicts: list[Verdict]) -> None:
 def _show(port: str, verdicts: list[Verdict], json: bool) -> None:
     for verdict in verdicts:
         if json:
-            fields = {"v": 1, "port": port, **verdict.fields(), "status": verdict.status}
-            click.echo(json_module.dumps(fields, ensure_ascii=False))
+            click.echo(json_line({"port": port, **verdict.fields(), "status": verdict.status}))
             continue
         head, *rest = lines_of(verdict)
         click.secho(head, bold=True, fg="red" if verdict.status else None)

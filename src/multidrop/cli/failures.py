@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import click
 
+from multidrop.cli.words import json_line
 from multidrop.errors import DeviceError, Error, NoReply, OutcomeUnknown
 
 INTERRUPTED = 130
@@ -26,14 +26,13 @@ def failure(error: Error) -> dict[str, Any]:
 
 
 @contextmanager
-def failure_as_line(device: str, wanted: bool) -> Iterator[None]:
-    """What fails in here is a JSON line too, where that is `wanted`: of the device, not of a point."""
+def failure_as_line(name: str, wanted: bool, *, of: str = "device") -> Iterator[None]:
+    """What fails in here is a JSON line too, where that is `wanted`: of a device or a port, not of a point."""
     try:
         yield
     except Error as error:
         if wanted:
-            line = {"v": 1, "device": device, "error": failure(error)}
-            click.echo(json.dumps(line, ensure_ascii=False))
+            click.echo(json_line({of: name, "error": failure(error)}))
         raise
 
 

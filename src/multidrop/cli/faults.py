@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.numbers import WholeFrom
 from multidrop.errors import UsageError
 from multidrop.gateway.faults.freeze_frames import FreezeFrame, FreezeFrames
@@ -20,8 +21,8 @@ from multidrop.gateway.settings import FaultSettings, survey_settings
 )
 @click.argument("device")
 @click.argument("number", type=WholeFrom(min=1), required=False, metavar="[NUMBER]")
-@click.option("--json", is_flag=True, help="JSON Lines on standard output")
-@click.option("--config", metavar="FILE", help="the plant file, instead of ./multidrop.toml")
+@flags.as_json
+@flags.config
 def faults(device: str, number: int | None, json: bool, config: str | None) -> None:
     """Show the freeze-frames that `multidrop run` kept of DEVICE when it tripped.
 

@@ -12,6 +12,7 @@ from typing import IO
 
 import click
 
+from multidrop.cli import flags
 from multidrop.errors import PortError, UsageError
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.part import open_store
@@ -25,10 +26,6 @@ COLUMNS = ("time", "value", "quality", "monotonic", "synchronised")
 FOREVER = 2**62
 """µs, later than any sample."""
 
-_config = click.option(
-    "--config", metavar="FILE", help="the plant file, instead of ./multidrop.toml"
-)
-
 
 @click.group(epilog="Example: multidrop history list")
 def history() -> None:
@@ -36,7 +33,7 @@ def history() -> None:
 
 
 @history.command("list", epilog="Example: multidrop history list")
-@_config
+@flags.config
 def list_points(config: str | None) -> None:
     """Show of which points there is history."""
     with _store(config) as store:
@@ -53,7 +50,7 @@ def list_points(config: str | None) -> None:
 @click.option("--to", "end", metavar="TIME", help="the time before which it ends; without it, now")
 @click.option("-o", "output", metavar="FILE", help="write to FILE instead of standard output")
 @click.option("--force", is_flag=True, help="overwrite FILE")
-@_config
+@flags.config
 def export(
     device: str,
     point: str,

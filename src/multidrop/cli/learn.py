@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import re
 import sys
 from dataclasses import replace
@@ -11,13 +10,14 @@ from pathlib import Path
 import click
 
 from multidrop.catalog import check_points, profile_file
-from multidrop.cli.failures import report_failure
+from multidrop.cli.failures import failure_as_line, report_failure
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line, with_unit
 from multidrop.errors import UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.io.text_file import check_place, write_whole
-from multidrop.points import PointDescription, Reading, Role, shown_value
+from multidrop.points import PointDescription, Role
 from multidrop.profile import Profile
 from multidrop.tools.profiles.learn import Learning, Moved, described
 from multidrop.tools.profiles.text import toml_text, with_points
@@ -47,7 +47,7 @@ def learn(common: Common, device: str, output: str) -> int:
         )
     if not (sys.stdin.isatty() and sys.stderr.isatty()):
         raise UsageError("learn asks questions, and nobody is there to answer: it needs a terminal")
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         learning = Learning(connection)
         _say(f"reading {len(learning.points):,} points, twice ...")
         learning.begin()
@@ -82,15 +82,12 @@ def _shown(moved: list[Moved]) -> list[Moved]:
     if not moved:
         _say("nothing moved: is the parameter in the profile? multidrop discover finds more")
     for item in moved[:MOST_SHOWN]:
-        _say(f"  {item.point}   {_value(item.before)} -> {_value(item.after)}")
+        before, after = (with_unit(one.value, one.unit) for one in (item.before, item.after))
+        _say(f"  {item.point}   {before} -> {after}")
     if len(moved) > MOST_SHOWN:
         _say(f"  and {len(moved) - MOST_SHOWN:,} more: too many for one parameter")
         return []
     return moved
-
-
-def _value(reading: Reading) -> str:
-    return shown_value(reading.value) + (f" {reading.unit}" if reading.unit else "")
 
 
 def _learn(common: Common, learning: Learning, moved: Moved, path: Path) -> bool:
@@ -132,7 +129,6 @@ def _written(profile: Profile, point: PointDescription, old: str | None, path: P
 def _report(common: Common, learning: Learning, moved: Moved, point: PointDescription) -> None:
     if common.json:
         line = {
-            "v": 1,
             "device": learning.connection.name,
             "point": moved.point.text,
             "name": point.name,
@@ -141,7 +137,7 @@ def _report(common: Common, learning: Learning, moved: Moved, point: PointDescri
             "unit": point.unit,
             "role": point.role.value,
         }
-        click.echo(json_module.dumps(line, ensure_ascii=False))
+        click.echo(json_line(line))
     else:
         click.echo(f"{point.name} is {point.at}")
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import click
 
 from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile
+from multidrop.cli import flags
 from multidrop.cli.options import CommandT
 from multidrop.errors import UsageError
 from multidrop.numerals import is_digits
@@ -42,7 +43,7 @@ def find_plant(config: str | None) -> Plant | None:
     path = Path(config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
     if config is None and not path.exists():
         return None
-    return load_plant(path, partial(load_profile, config=path))
+    return load_plant(path, functools.partial(load_profile, config=path))
 
 
 def company(plant: Plant | None, port: str, device_profiles: tuple[str, ...]) -> Company:
@@ -72,25 +73,47 @@ def protocol_name(name: str | None) -> str | None:
     return name
 
 
-def style_of(json: bool, csv: bool) -> str:
-    if json and csv:
-        raise UsageError("--json or --csv: one of them")
-    return "json" if json else "csv" if csv else "text"
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """The options that `sniff` and `decode` share, as given."""
+
+    json: bool
+    csv: bool
+    protocol: str | None
+    device_profiles: tuple[str, ...]
+    device: tuple[str, ...]
+    point: tuple[str, ...]
+    kind: tuple[str, ...]
+    config: str | None
+
+    @property
+    def style(self) -> str:
+        """Raises `UsageError` for two at once."""
+        if self.json and self.csv:
+            raise UsageError("--json or --csv: one of them")
+        return "json" if self.json else "csv" if self.csv else "text"
+
+    @property
+    def wanted(self) -> Filter:
+        """Raises `UsageError` for what is no kind."""
+        for name in self.kind:
+            if name not in KINDS:
+                raise UsageError(
+                    f"there is no kind {name!r}{nearest(name, KINDS)}; kinds are {' '.join(KINDS)}"
+                )
+        return Filter(self.device, self.point, self.kind)
 
 
-def filter_of(device: tuple[str, ...], point: tuple[str, ...], kind: tuple[str, ...]) -> Filter:
-    for name in kind:
-        if name not in KINDS:
-            raise UsageError(
-                f"there is no kind {name!r}{nearest(name, KINDS)}; kinds are {' '.join(KINDS)}"
-            )
-    return Filter(device, point, kind)
+def listening(command: CommandT) -> CommandT:
+    """Gives a command these options, and with them `asked: Listening`."""
 
+    @functools.wraps(command)
+    def wrapper(**given: Any) -> Any:
+        own = {field.name: given.pop(field.name) for field in fields(Listening)}
+        return command(asked=Listening(**own), **given)
 
-def listening_options(command: CommandT) -> CommandT:
-    """The options that `sniff` and `decode` share."""
     add: list[Callable[[Any], Any]] = [
-        click.option("--json", is_flag=True, help="JSON Lines on standard output"),
+        flags.as_json,
         click.option("--csv", is_flag=True, help="CSV on standard output"),
         click.option("--protocol", metavar="P", help="slink3, datalink or ultra3000"),
         click.option(
@@ -112,8 +135,9 @@ def listening_options(command: CommandT) -> CommandT:
             help="only this one: name or number; * matches",
         ),
         click.option("--kind", multiple=True, metavar="KIND", help=f"only {' '.join(KINDS)}"),
-        click.option("--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}"),
+        flags.config,
     ]
+    decorated: Any = wrapper
     for option in reversed(add):
-        command = option(command)
-    return command
+        decorated = option(decorated)
+    return decorated  # type: ignore[no-any-return]

@@ -12,10 +12,15 @@ from typing import Any, Self
 
 import click
 
-from multidrop.points import Value, shown_value
+from multidrop.cli.words import with_unit
+from multidrop.points import Value
 
 BARS = "▁▂▃▄▅▆▇█"
 TREND = 40  # values
+VALUE = 14  # characters at least
+GAPS = 11  # characters between the columns
+NOTE = 20  # characters that a note has at least
+SHORT = 8  # values; a shorter trend tells nothing
 
 
 def sparkline(values: Sequence[float], width: int = TREND) -> str:
@@ -59,7 +64,7 @@ class Row:
     def text(self) -> str:
         if self.value is None:
             return "-"
-        return shown_value(self.value) + (f" {self.unit}" if self.unit else "")
+        return with_unit(self.value, self.unit)
 
 
 class LiveTable:
@@ -69,13 +74,15 @@ class LiveTable:
         self._title = title
         self._rows = rows
         self._live: Any = None
+        self._width = 0
 
     def __enter__(self) -> Self:
         from rich.console import Console
         from rich.live import Live
 
         console = Console()
-        if console.is_terminal:
+        if console.is_terminal and not console.is_dumb_terminal:  # a dumb one cannot go back
+            self._width = console.width
             self._live = Live(self._table(), console=console, auto_refresh=False)
             self._live.start()
         return self
@@ -100,22 +107,28 @@ class LiveTable:
         if self._live is not None:
             self._live.update(self._table(), refresh=True)
 
+    def _room_for_trend(self) -> int:
+        """What names, values and notes leave: on a narrow terminal the trend is what goes."""
+        names = max(len(row.label) for row in self._rows)
+        values = max(len(row.text) for row in self._rows)
+        notes = min(NOTE, max(len(row.note) for row in self._rows))
+        room = self._width - names - max(VALUE, values) - notes - GAPS
+        return min(TREND, room) if room >= SHORT else 0
+
     def _table(self) -> Any:
         from rich import box
         from rich.table import Table
         from rich.text import Text
 
+        trend = self._room_for_trend()
         table = Table(title=self._title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-        table.add_column("point", no_wrap=True)
-        table.add_column("value", justify="right", min_width=14, no_wrap=True)
-        table.add_column("trend", min_width=TREND, no_wrap=True)
-        table.add_column("", overflow="ellipsis")
+        table.add_column("point", overflow="fold")
+        table.add_column("value", justify="right", min_width=VALUE, no_wrap=True)
+        if trend:
+            table.add_column("trend", min_width=trend, no_wrap=True)
+        table.add_column("", overflow="fold")
         for row in self._rows:
             style = "bold red" if row.bad else ""
-            table.add_row(
-                Text(row.label),
-                Text(row.text, style),
-                Text(sparkline(row.trend), "cyan"),
-                Text(row.note, style),
-            )
+            bars = [Text(sparkline(row.trend, trend), "cyan")] if trend else []
+            table.add_row(Text(row.label), Text(row.text, style), *bars, Text(row.note, style))
         return table

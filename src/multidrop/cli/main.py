@@ -10,8 +10,10 @@ from typing import Any
 
 import click
 
+from multidrop.cli import streams
 from multidrop.cli.failures import INTERRUPTED, report_failure
 from multidrop.errors import Error
+from multidrop.io.audit import FULL
 
 COMMANDS = {  # name -> (module, what it does); a module is imported when its command is called
     "demo": ("demo", "A simulated plant and its page: start here."),
@@ -113,8 +115,15 @@ def cli() -> None:
 
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status."""
+    streams.prepare(sys.argv[1:] if arguments is None else arguments)
+    color = False if os.environ.get("NO_COLOR") else None
+    with click.Context(cli, color=color):  # for what is said when the command's own is gone
+        return _run(arguments, color)
+
+
+def _run(arguments: Sequence[str] | None, color: bool | None) -> int:
     try:
-        result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False)
+        result: Any = cli.main(arguments, prog_name="multidrop", standalone_mode=False, color=color)
         sys.stdout.flush()
     except click.exceptions.Exit as leave:
         return leave.exit_code
@@ -129,10 +138,19 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (OutputGone, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # the disk under the log of writes, say
-        click.secho(f"{error}", err=True, fg="red")
+    except OSError as error:
+        click.secho(_of_system(error), err=True, fg="red")
         return 1
     except Error as error:
         report_failure(error)
         return error.exit_status
     return result if isinstance(result, int) else 0
+
+
+def _of_system(error: OSError) -> str:
+    """What the system said: of a file, of the disk under standard output, or of something else."""
+    if error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return (
+        f"the output could not be written: {error.strerror}" if error.errno in FULL else str(error)
+    )

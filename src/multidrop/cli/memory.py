@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Iterator, Sequence
 
 import click
@@ -10,7 +9,8 @@ import click
 from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.reading import with_progress
-from multidrop.cli.writing import as_line, show_record
+from multidrop.cli.words import json_line
+from multidrop.cli.writing import facts, show_record
 from multidrop.device import Copy, Memory
 from multidrop.errors import Error, PortError
 from multidrop.io.audit import shown
@@ -54,7 +54,7 @@ def _carry_out(connection: Connection, copies: Sequence[Copy], as_json: bool) ->
         records = connection.copy(copy)
         for record in records:
             if as_json:
-                click.echo(as_line(connection.name, record))
+                click.echo(json_line(facts(connection.name, record)))
             else:
                 show_record(record)
         status = max((item.error.exit_status for item in records if item.error), default=0)
@@ -80,8 +80,8 @@ def compare_memory(common: Common, device: str, everything: bool) -> int:
             if isinstance(memory, Error):
                 status = max(status, memory.exit_status)
                 if common.json:
-                    line = {"v": 1, "device": connection.name, "point": point.text}
-                    click.echo(json_module.dumps({**line, "error": failure(memory)}))
+                    line = {"device": connection.name, "point": point.text}
+                    click.echo(json_line({**line, "error": failure(memory)}))
                 else:
                     report_failure(memory, str(point))
                 if isinstance(memory, PortError):
@@ -110,9 +110,8 @@ def _compared(
 
 def _as_line(device: str, memory: Memory) -> str:
     point = memory.point
-    return json_module.dumps(
+    return json_line(
         {
-            "v": 1,
             "device": device,
             "point": point.text,
             "name": point.name,
@@ -122,8 +121,7 @@ def _as_line(device: str, memory: Memory) -> str:
             "unit": point.unit,
             "unsaved": memory.unsaved,
             "customised": memory.customised,
-        },
-        ensure_ascii=False,
+        }
     )
 
 

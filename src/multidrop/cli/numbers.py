@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import click
 
 from multidrop.numerals import plain
+
+YEAR = 365 * 86400.0
+"""s; no command waits longer for anything, and the system's clocks take it."""
 
 
 class _Plain(click.ParamType):  # type: ignore[type-arg]  # older ones take none
@@ -15,8 +19,14 @@ class _Plain(click.ParamType):  # type: ignore[type-arg]  # older ones take none
             try:
                 plain(value)
             except ValueError:
-                self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
-        return super().convert(value, param, ctx)
+                self._refuse(value, param, ctx)
+        number = super().convert(value, param, ctx)
+        if isinstance(number, float) and not isfinite(number):
+            self._refuse(value, param, ctx)
+        return number
+
+    def _refuse(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> None:
+        self.fail(f"{value!r} is not a valid {self.name}.", param, ctx)
 
 
 class Whole(_Plain, click.types.IntParamType):
@@ -28,8 +38,11 @@ class WholeFrom(_Plain, click.IntRange):
 
 
 class Number(_Plain, click.types.FloatParamType):
-    """A number with or without a fraction."""
+    """A number with or without a fraction, and no infinite one."""
 
 
-class NumberFrom(_Plain, click.FloatRange):
-    """A number in a range."""
+class Seconds(_Plain, click.FloatRange):
+    """A time of 0 s to a year."""
+
+    def __init__(self) -> None:
+        super().__init__(0.0, YEAR)

@@ -13,23 +13,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from multidrop.catalog import CONFIG, CONFIG_ENVIRONMENT, load_profile, profile_file
+from multidrop.cli import flags
+from multidrop.cli.log import CommandLog
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.connection import Connection, Target, connect
 from multidrop.io.line import Line, Tap
-from multidrop.naming import LINE_KEYS, DeviceName, parse_device
+from multidrop.naming import DeviceName, parse_device
 from multidrop.profile import Profile
 
 if TYPE_CHECKING:
     from multidrop.plantfile import Plant, PlantDevice
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
-
-_OWN_KEYS = {  # of protocols; refused where they do not exist
-    "broadcast": "broadcast address (slink3, ultra3000)",
-    "stuffing": "on or off: byte stuffing (datalink)",
-    "settle": "s that an instrument has to show a change (datalink)",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +72,19 @@ class Common:
         return load_plant(path, functools.partial(load_profile, config=path))
 
     def plant_path(self) -> Path:
-        """The plant file, whether or not there is one."""
+        """The plant file, whether or not there is one. Raises `UsageError` where it was named."""
+        if self.config is not None and not Path(self.config).exists():
+            raise UsageError(f"{self.config}: No such file or directory")
         return Path(self.config or os.environ.get(CONFIG_ENVIRONMENT, CONFIG))
 
     def _plant_target(self, found: PlantDevice) -> Target:
         return Target(_with_keys(found.device, self.keys), found.profile)
 
     def audit(self) -> AuditLog:
-        return AuditLog(origin="command line", force=self.force)
+        """The log of writes. What it could not take is an `OSError` at the command's end."""
+        log = CommandLog(origin="command line", force=self.force)
+        click.get_current_context().call_on_close(log.demand_whole)
+        return log
 
     def connect(self, target: Target) -> Connection:
         """Open the device's line, with a trace and a capture on it if those were asked for."""
@@ -143,13 +144,7 @@ def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], Com
     def decorate(command: CommandT) -> CommandT:
         @functools.wraps(command)
         def wrapper(**given: Any) -> Any:
-            keys = {
-                key: str(given.pop(f"key_{key}"))
-                for key in (*LINE_KEYS, *_OWN_KEYS)
-                if given.get(f"key_{key}") is not None
-            }
-            for key in (*LINE_KEYS, *_OWN_KEYS):
-                given.pop(f"key_{key}", None)
+            keys = flags.taken_keys(given)
             options = Common(
                 json=given.pop("json"),
                 trace=given.pop("trace"),
@@ -168,20 +163,9 @@ def common(*, force: str = "", writes: bool = False) -> Callable[[CommandT], Com
 
 
 def _decorated(command: Any, force: str, writes: bool) -> Any:
-    for key in reversed((*LINE_KEYS, *_OWN_KEYS)):
-        text = {**LINE_KEYS, **_OWN_KEYS}[key]
-        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=text)(command)
-    command = click.option(
-        "--config", metavar="FILE", help=f"the plant file, instead of ./{CONFIG}"
-    )(command)
+    command = flags.config(flags.line_keys(command))
     command = click.option("--profile", metavar="FILE", help="a profile of your own, TOML")(command)
-    command = click.option(
-        "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
-    )(command)
-    command = click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")(
-        command
-    )
-    command = click.option("--json", is_flag=True, help="JSON Lines on standard output")(command)
+    command = flags.as_json(flags.trace(flags.capture(command)))
     if force:
         command = click.option("--force", is_flag=True, help=force)(command)
     return click.option("--yes", is_flag=True, help="ask no questions", hidden=not writes)(command)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 from pathlib import Path
 
 import click
 
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line, label, with_unit
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import Target
 from multidrop.io.text_file import check_place
@@ -16,7 +17,6 @@ from multidrop.passports.backup import Backup, load, save
 from multidrop.passports.backup import backup as back_up
 from multidrop.passports.difference import Difference, differences
 from multidrop.passports.passport import Entry, Passport, Unread
-from multidrop.points import shown_value
 
 
 @click.command(epilog="Example: multidrop backup ultra3000:0@/dev/ttyUSB0 -o infeed.passport.toml")
@@ -30,7 +30,7 @@ def backup(common: Common, device: str, output: str) -> int:
     if not common.force:
         _check_place(path, target)
     check_place(path, force=True)
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         run = Backup.of(connection)
         with click.progressbar(
             run.run(),
@@ -44,7 +44,7 @@ def backup(common: Common, device: str, output: str) -> int:
         made = run.passport()
     save(made, path)
     for unread in () if common.json else made.unreadable.values():
-        click.echo(f"not read: {_label(unread)}: {unread.reason}", err=True)
+        click.echo(f"not read: {label(unread.name, unread.point)}: {unread.reason}", err=True)
     _report(made, path, as_json=common.json)
     return 0
 
@@ -65,10 +65,8 @@ def _check_place(path: Path, target: Target) -> None:
 
 def _report(made: Passport, path: Path, *, as_json: bool) -> None:
     if as_json:
-        line = {"v": 1, "device": made.device, "file": str(path), "points": len(made.points)}
-        click.echo(
-            json_module.dumps({**line, "unreadable": len(made.unreadable)}, ensure_ascii=False)
-        )
+        line = {"device": made.device, "file": str(path), "points": len(made.points)}
+        click.echo(json_line({**line, "unreadable": len(made.unreadable)}))
     else:
         missing = f", {len(made.unreadable)} could not be read" if made.unreadable else ""
         click.echo(f"{path}: {len(made.points)} points of {made.device}{missing}")
@@ -94,13 +92,14 @@ def _side(common: Common, text: str) -> Passport:
     path = Path(text)
     if "@" not in text and (path.is_file() or path.suffix):
         return load(path, damaged=common.force)
-    with common.connect(common.target(text)) as connection:
+    target = common.target(text)
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         return back_up(connection)
 
 
 def _as_text(item: Difference) -> str:
-    label = f"{item.name} ({item.point})" if item.name else item.point
-    return f"{label:<32} {shown(item.before)} -> {shown(item.after)}"
+    where = label(item.name, item.point)
+    return f"{where:<32} {shown(item.before)} -> {shown(item.after)}"
 
 
 def shown(side: Entry | Unread | None) -> str:
@@ -109,7 +108,7 @@ def shown(side: Entry | Unread | None) -> str:
         return "(not in it)"
     if isinstance(side, Unread):
         return f"(not readable: {side.reason})"
-    return shown_value(side.value) + (f" {side.unit}" if side.unit else "")
+    return with_unit(side.value, side.unit)
 
 
 def _as_line(item: Difference) -> str:
@@ -118,15 +117,10 @@ def _as_line(item: Difference) -> str:
 
     known = item.before if isinstance(item.before, Entry) else item.after
     line = {
-        "v": 1,
         "point": item.point,
         "name": item.name,
         "before": value(item.before),
         "after": value(item.after),
         "unit": known.unit if isinstance(known, Entry) else None,
     }
-    return json_module.dumps(line, ensure_ascii=False)
-
-
-def _label(item: Unread) -> str:
-    return f"{item.name} ({item.point})" if item.name else item.point
+    return json_line(line)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ import click
 
 from multidrop.catalog import check_points, load_profile, own_files, profile_file, profile_names
 from multidrop.cli.about import print_table
+from multidrop.cli.flags import as_json
+from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
 
-_as_json = click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
 _config = click.option(
     "--config", metavar="FILE", help="the plant file, beside which profiles are found"
 )
@@ -25,7 +25,7 @@ _config = click.option(
     invoke_without_command=True,
     epilog="Example: multidrop profiles; multidrop profiles export ultra3000 -o ultra3000.csv",
 )
-@_as_json
+@as_json
 @_config
 @click.pass_context
 def profiles(ctx: click.Context, json: bool, config: str | None) -> None:
@@ -36,8 +36,8 @@ def profiles(ctx: click.Context, json: bool, config: str | None) -> None:
     if json:
         for profile, place in found:
             facts = {"name": profile.name, "title": profile.title, "protocol": profile.protocol}
-            line = {"v": 1, **facts, "points": len(profile.points), "place": place}
-            click.echo(json_module.dumps(line, ensure_ascii=False))
+            line = {**facts, "points": len(profile.points), "place": place}
+            click.echo(json_line(line))
         return
     rows = [
         (item.name, item.title, item.protocol, str(len(item.points)), place or "shipped")

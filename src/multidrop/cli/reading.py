@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -11,13 +10,14 @@ from typing import TypeVar
 import click
 
 from multidrop.cli.failures import failure, report_failure
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line, label, utc, with_unit
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable
-from multidrop.io.connection import Connection
+from multidrop.io.connection import Connection, Target
 from multidrop.io.readings import in_order, readable
-from multidrop.points import Point, Reading, shown_value
+from multidrop.points import Point, Reading
 
 ItemT = TypeVar("ItemT")
 
@@ -37,7 +37,7 @@ LOST = PortError.exit_status
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
 @click.option("--all", "everything", is_flag=True, help="every readable point of the profile")
-@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=Seconds(), metavar="S", help="repeat until Ctrl-C")
 @common()
 def read(
     common: Common, device: str, points: tuple[str, ...], everything: bool, every: float | None
@@ -51,13 +51,7 @@ def read(
         asked = list(readable(worked_out))
     else:
         asked = [point for text in points for point in worked_out.points(text)]
-    try:
-        connection = common.connect(target)
-    except PortError as error:
-        for point in asked if common.json else ():
-            click.echo(_failed(str(target.name), point, error))
-        raise
-    with connection:
+    with connected(common, target, asked) as connection:
         started = time.monotonic()
         while True:
             status = read_all(connection, asked, common.json, device)
@@ -65,6 +59,16 @@ def read(
                 return status
             started += every
             time.sleep(max(0.0, started - time.monotonic()))
+
+
+def connected(common: Common, target: Target, points: Sequence[Point]) -> Connection:
+    """The device on its open line; where that cannot be opened, each point has failed."""
+    try:
+        return common.connect(target)
+    except PortError as error:
+        for point in points if common.json else ():
+            click.echo(_failed(str(target.name), point, error))
+        raise
 
 
 def read_all(connection: Connection, points: Sequence[Point], as_json: bool, device: str) -> int:
@@ -98,15 +102,13 @@ def with_progress(items: Iterator[ItemT], count: int) -> Iterator[ItemT]:
 
 
 def _failed(device: str, point: Point, error: Error) -> str:
-    line = {"v": 1, "device": device, "point": point.text, "error": failure(error)}
-    return json_module.dumps(line, ensure_ascii=False)
+    return json_line({"device": device, "point": point.text, "error": failure(error)})
 
 
 def as_line(device: str, reading: Reading) -> str:
     """A reading as a JSON line."""
-    return json_module.dumps(
+    return json_line(
         {
-            "v": 1,
             "device": device,
             "point": reading.point,
             "name": reading.name,
@@ -115,19 +117,18 @@ def as_line(device: str, reading: Reading) -> str:
             "type": reading.type,
             "raw": reading.raw_text,
             "fault": reading.fault,
-            "time": reading.time.isoformat(timespec="microseconds").replace("+00:00", "Z"),
+            "time": utc(reading.time),
             "ms": reading.ms,
-        },
-        ensure_ascii=False,
+        }
     )
 
 
 def as_text(reading: Reading) -> str:
     """A reading for a person."""
-    label = f"{reading.name} ({reading.point})" if reading.name else reading.point
-    value = shown_value(reading.value) + (f" {reading.unit}" if reading.unit else "")
+    where = label(reading.name, reading.point)
+    value = with_unit(reading.value, reading.unit)
     raw = reading.raw_text.upper()
     if len(raw) > RAW_SHOWN:
         raw = raw[: RAW_SHOWN - 3] + "..."
     meaning = f"   {reading.meaning}" if reading.meaning else ""
-    return f"{label:<32} {value:>14}   {reading.type:<8} {raw:<{RAW_SHOWN}} {reading.ms:>5.1f} ms{meaning}"
+    return f"{where:<32} {value:>14}   {reading.type:<8} {raw:<{RAW_SHOWN}} {reading.ms:>5.1f} ms{meaning}"

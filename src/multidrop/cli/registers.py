@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json as json_module
-
 import click
 
+from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
 from multidrop.gateway.modbus.register_map import Entry, map_of
 from multidrop.gateway.settings import settings_of
@@ -27,7 +26,7 @@ def print_registers(plant: Plant, *, json: bool) -> None:
     ordered = sorted(wanted.entries, key=lambda entry: entry.register)
     if json:
         for entry in ordered:
-            click.echo(json_module.dumps(_line(plant, entry, entry in filed.entries)))
+            click.echo(json_line(_facts(plant, entry, entry in filed.entries)))
         return
     rows = [HEAD, *(_row(plant, entry) for entry in ordered)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEAD))]
@@ -58,12 +57,11 @@ def _row(plant: Plant, entry: Entry) -> tuple[str, ...]:
     return (*place, *name, device.profile.points[entry.point].unit or "", write)
 
 
-def _line(plant: Plant, entry: Entry, filed: bool) -> dict[str, object]:
+def _facts(plant: Plant, entry: Entry, filed: bool) -> dict[str, object]:
     known = _known(plant, entry)
     device = plant.devices[entry.device] if known else None
     limits = device.points[entry.point].write if device else None
     return {
-        "v": 1,
         "register": entry.register,
         "type": entry.type.value,
         "device": entry.device,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections import Counter
 from collections.abc import Iterable
 from datetime import UTC, datetime
@@ -10,16 +9,16 @@ from pathlib import Path
 
 import click
 
-from multidrop.cli.failures import failure, report_failure
+from multidrop.cli.failures import failure, failure_as_line, report_failure
 from multidrop.cli.options import Common, common
 from multidrop.cli.passports import shown
+from multidrop.cli.words import json_line, label
 from multidrop.device import KeepsMemory
 from multidrop.errors import Error, UsageError
 from multidrop.io.audit import jsonable
 from multidrop.io.connection import keeping
 from multidrop.io.text_file import check_place
 from multidrop.passports.backup import load, save
-from multidrop.passports.passport import Entry
 from multidrop.passports.restore import (
     ON_REQUEST,
     Action,
@@ -76,16 +75,13 @@ def restore(
     if not dry_run:
         _check_undo(undo_path)
         common.audit().check()
-    with common.connect(target) as connection:
+    with failure_as_line(str(target.name), common.json), common.connect(target) as connection:
         planned = plan(connection, wanted, roles, force=common.force, past_limits=past_limits)
         _show_plan(common, planned, device)
         if dry_run or not planned.writes:
             return 0
-        if planned.running is not None and not while_enabled:
-            raise UsageError(
-                f"{device} says that it is running ({planned.running}); stop it first, or say"
-                " --while-enabled; nothing was written"
-            )
+        if not while_enabled:
+            _demand_stopped(planned, device)
         common.confirm(f"Write {len(planned.writes)} points of {device}?", needs_yes=True)
         save(undo(connection, planned), undo_path)
         click.echo(f"{undo_path} undoes it", err=True)
@@ -96,6 +92,14 @@ def restore(
             f"only the working values: multidrop save {device} POINT... keeps them", err=True
         )
     return status
+
+
+def _demand_stopped(planned: Plan, device: str) -> None:
+    if planned.running is not None:
+        raise UsageError(
+            f"{device} says that it is running ({planned.running}); stop it first, or say"
+            " --while-enabled; nothing was written"
+        )
 
 
 def _undo_path(file: Path) -> Path:
@@ -149,7 +153,7 @@ def _show_plan(common: Common, planned: Plan, device: str) -> None:
     skipped = Counter(step.reason for step in planned.steps if step.action is Action.SKIP)
     same = sum(step.action is Action.SAME for step in planned.steps)
     for step in planned.writes:
-        click.echo(f"{_label(step.wanted):<32} {shown(step.now)} -> {shown(step.wanted)}")
+        click.echo(f"{_label(step):<32} {shown(step.now)} -> {shown(step.wanted)}")
     for reason, number in skipped.items():
         click.echo(f"skipped {number:>4}: {reason}")
     running = f"; it is running: {planned.running}" if planned.running else ""
@@ -159,11 +163,11 @@ def _show_plan(common: Common, planned: Plan, device: str) -> None:
 def _show(done: Restored) -> None:
     if done.step.action is not Action.WRITE:
         return
-    click.echo(f"{_label(done.step.wanted):<32} {shown(done.step.wanted)}   {done.verdict}")
+    click.echo(f"{_label(done.step):<32} {shown(done.step.wanted)}   {done.verdict}")
 
 
-def _label(entry: Entry) -> str:
-    return f"{entry.name} ({entry.point})" if entry.name else entry.point
+def _label(step: Step) -> str:
+    return label(step.wanted.name, step.wanted.point)
 
 
 def _facts(step: Step) -> dict[str, object]:
@@ -177,14 +181,13 @@ def _facts(step: Step) -> dict[str, object]:
 
 
 def _plan_line(step: Step) -> str:
-    line = {"v": 1, "plan": step.action.value, **_facts(step), "reason": step.reason or None}
-    return json_module.dumps(line, ensure_ascii=False)
+    return json_line({"plan": step.action.value, **_facts(step), "reason": step.reason or None})
 
 
 def _as_line(device: str, done: Restored) -> str:
-    line = {"v": 1, "device": device, **_facts(done.step), "verdict": done.verdict.value}
+    line = {"device": device, **_facts(done.step), "verdict": done.verdict.value}
     if done.step.reason:
         line["reason"] = done.step.reason
     if done.error is not None:
         line["error"] = failure(done.error)
-    return json_module.dumps(line, ensure_ascii=False)
+    return json_line(line)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-import json as json_module
 import signal
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.failures import failure
 from multidrop.cli.registers import print_registers
+from multidrop.cli.words import counted, json_line, utc
 from multidrop.errors import UsageError
 from multidrop.gateway.check import Checked
 from multidrop.gateway.check import check as check_plant
@@ -28,7 +28,7 @@ from multidrop.io.audit import jsonable
 
 @click.command(epilog="Example: multidrop check, or multidrop check /etc/multidrop/multidrop.toml")
 @click.argument("file", required=False, metavar="[FILE]")
-@click.option("--json", is_flag=True, help="JSON Lines on standard output")
+@flags.as_json
 @click.option("--registers", is_flag=True, help="the register map of [modbus] instead of the lines")
 def check(file: str | None, json: bool, registers: bool) -> None:
     """Find what is wrong with a plant file, all of it, before anything is opened.
@@ -51,9 +51,9 @@ def _print_json(checked: Checked) -> None:
     for line in checked.lines:
         facts = {"line": line.name, "port": line.port, "settings": line.settings}
         counts = {"devices": line.devices, "points": line.points, "load": round(line.load, 4)}
-        click.echo(json_module.dumps({"v": 1, **facts, **counts}))
+        click.echo(json_line({**facts, **counts}))
     for text in checked.wrong:
-        click.echo(json_module.dumps({"v": 1, "error": {"kind": UsageError.kind, "text": text}}))
+        click.echo(json_line({"error": {"kind": UsageError.kind, "text": text}}))
 
 
 def _print_table(checked: Checked) -> None:
@@ -97,21 +97,20 @@ class Said:
     def update(self, update: Update) -> None:
         """A listener of `Values`."""
         if self._json:
-            click.echo(json_module.dumps(update_line(update), ensure_ascii=False))
+            click.echo(json_line(update_facts(update)))
 
 
-def update_line(update: Update) -> dict[str, Any]:
+def update_facts(update: Update) -> dict[str, Any]:
     """An update as JSON. `time` is that of the value, null where there is none yet."""
     polled, reading = update.polled, update.polled.reading
     line: dict[str, Any] = {
-        "v": 1,
         "device": update.device,
         "point": update.point,
         "quality": polled.quality.value,
         "value": None if reading is None else jsonable(reading.value),
         "unit": polled.point.unit,
-        "time": None if reading is None else _utc(reading.time),
-        "at": _utc(polled.time),
+        "time": None if reading is None else utc(reading.time),
+        "at": utc(polled.time),
         "synchronised": update.synchronised,
     }
     if reading is not None:
@@ -119,10 +118,6 @@ def update_line(update: Update) -> dict[str, Any]:
     if polled.error is not None:
         line["error"] = failure(polled.error)
     return line
-
-
-def _utc(time: datetime) -> str:
-    return time.isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 async def run_plant(path: Path, said: Said) -> None:
@@ -148,7 +143,7 @@ async def run_plant(path: Path, said: Said) -> None:
             loop.add_signal_handler(signal.SIGTERM, running.cancel)
             loop.add_signal_handler(signal.SIGHUP, reload)
         count = len(plant.devices)
-        said.news(f"polling {_count(count, 'device')} on {_count(len(plant.lines), 'line')}")
+        said.news(f"polling {counted(count, 'device')} on {counted(len(plant.lines), 'line')}")
         try:
             await running
         except asyncio.CancelledError:
@@ -182,7 +177,3 @@ def _shown(done: Reloaded) -> str:
         "unchanged": done.kept,
     }
     return ", ".join(f"{name} {' '.join(lines)}" for name, lines in parts.items() if lines)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

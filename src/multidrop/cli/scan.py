@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import json as json_module
 import sys
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.about import print_table
-from multidrop.cli.failures import INTERRUPTED
+from multidrop.cli.failures import INTERRUPTED, failure_as_line
 from multidrop.cli.numbers import Number, Whole
 from multidrop.cli.scan_taps import RoundTaps
+from multidrop.cli.words import duration, json_line
 from multidrop.errors import NoReply, PortError, ProtocolError, UsageError
 from multidrop.exchange import LATE
-from multidrop.naming import LINE_KEYS, LineOptions
+from multidrop.io.text_file import check_place, write_whole
+from multidrop.naming import LineOptions
 from multidrop.tools.scan.plan import (
     FIXED,
     LISTEN,
@@ -43,10 +46,7 @@ FEW_ROUNDS = 4
 _PORT_KEYS = ("rts", "dtr", "direction")
 
 
-def _port_options(command: Any) -> Any:
-    for key in reversed(_PORT_KEYS):
-        command = click.option(f"--{key}", f"key_{key}", metavar="X", help=LINE_KEYS[key])(command)
-    return command
+_port_keys = partial(flags.line_keys, keys=_PORT_KEYS)
 
 
 @click.command(
@@ -74,17 +74,15 @@ def _port_options(command: Any) -> Any:
 @click.option("--state", metavar="FILE", help="where a scan is kept until it ends, for --resume")
 @click.option("-o", "--output", metavar="FILE", help="write the plant file here, not to the screen")
 @click.option("--force", is_flag=True, help="replace FILE")
-@click.option("--json", "json", is_flag=True, help="JSON Lines on standard output")
-@click.option("--trace", is_flag=True, help="every frame, decoded, on standard error")
-@click.option(
-    "--capture", metavar="FILE", help="the traffic of this command, as pcapng for Wireshark"
-)
-@_port_options
+@flags.as_json
+@flags.trace
+@flags.capture
+@_port_keys
 def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -> int:
     """Find out which protocol, baud rate, format and addresses answer at PORT. Only reads are sent."""
     url, options = _port(port, given)
-    if output is not None and Path(output).exists() and not given["force"]:
-        raise UsageError(f"{output} is there already; --force replaces it")
+    if output is not None:
+        check_place(Path(output), force=given["force"])
     kept = StateFile(url, Path(given["state"]) if given["state"] else None)
     state = _state(kept, given, url)
     taps = RoundTaps(url, trace=trace, capture=given["capture"])
@@ -92,30 +90,40 @@ def scan(port: str, output: str | None, json: bool, trace: bool, **given: Any) -
     scanner = Scanner(url, options, state, watch=taps)
     _announce(url, scanner, state)
     try:
-        with _progress(scanner, kept, quiet=trace):
+        with failure_as_line(url, json, of="port"), _progress(scanner, kept, quiet=trace):
             devices = scanner.run()
     except KeyboardInterrupt:
-        _broken_off("interrupted", scanner, kept, port, json)
+        click.secho("interrupted", err=True, fg="red")
+        _broken_off(scanner, kept, port, json)
         return INTERRUPTED
-    except PortError as error:
+    except PortError:
         if state.left is not None:
-            _broken_off(str(error), scanner, kept, port, json)
+            _broken_off(scanner, kept, port, json)
         raise
     if scanner.traffic is not None:
-        if scanner.traffic.between:
-            _broken_off(_traffic(scanner.traffic, url), scanner, kept, port, json)
-            return BROKE_IN
         click.secho(_traffic(scanner.traffic, url), err=True, fg="red")
-        return ANOTHER_MASTER
+        if not scanner.traffic.between:
+            return ANOTHER_MASTER
+        _broken_off(scanner, kept, port, json)
+        return BROKE_IN
     kept.remove()
     _show(devices, json)
-    if output is not None:
-        Path(output).write_text(as_toml(url, devices), encoding="utf-8")
-        click.echo(f"written to {output}", err=True)
-    elif not json and any(item.profile for item in devices):
-        click.echo(as_toml(url, devices), nl=False)
+    known = [item for item in devices if item.profile is not None]
+    _write(url, known, output, json)
     _say_what_is_left(url, scanner)
-    return 0 if any(item.profile for item in devices) else NOTHING_FOUND
+    return 0 if known else NOTHING_FOUND
+
+
+def _write(url: str, known: list[FoundDevice], output: str | None, json: bool) -> None:
+    """The plant file, where somebody answered: nobody is no plant, and replaces none."""
+    if output is None:
+        if known and not json:
+            click.echo(as_toml(url, known), nl=False)
+    elif known:
+        write_whole(as_toml(url, known), Path(output))
+        click.echo(f"written to {output}", err=True)
+    else:
+        click.echo(f"{output} is not written: there is nothing to write into it", err=True)
 
 
 # -- what is asked for -----------------------------------------------------------------------
@@ -125,7 +133,7 @@ def _port(text: str, given: dict[str, Any]) -> tuple[str, LineOptions]:
     """`PORT[,key=value]...`; keys of the port itself, for the rest is what a scan finds out."""
     url, *pairs = text.split(",")
     keys = dict(pair.partition("=")[::2] for pair in pairs)
-    keys |= {key: given[f"key_{key}"] for key in _PORT_KEYS if given[f"key_{key}"] is not None}
+    keys |= flags.taken_keys(given)
     for key in keys:
         if key not in _PORT_KEYS:
             raise UsageError(
@@ -186,7 +194,7 @@ def _announce(url: str, scanner: Scanner, state: State) -> None:
         names = ", ".join(dict.fromkeys(item.protocol for item in left))
         what = f"{names} at {len({(item.baud, item.format) for item in left})} settings"
     again = f" from {scanner.at} on" if state.number or state.left is not None else ""
-    click.echo(f"{url}: {what}{again}; about {_duration(seconds)}", err=True)
+    click.echo(f"{url}: {what}{again}; about {duration(seconds)}", err=True)
 
 
 def _addresses(item: Round) -> str:
@@ -194,29 +202,32 @@ def _addresses(item: Round) -> str:
     return f"address {item.addresses[0]}" if count == 1 else f"{count} addresses"
 
 
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+@contextmanager
+def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[None]:
+    """Keeps the state, and shows how far it is."""
+    kept_well = True
+
+    with _bar(quiet=quiet) as show:
+
+        def told(progress: Progress) -> None:
+            nonlocal kept_well
+            try:
+                kept.keep(scanner.state, time.monotonic())
+            except OSError as error:
+                if kept_well:
+                    click.echo(f"{kept.path}: {error.strerror}; --resume will not work", err=True)
+                kept_well = False
+            show(progress)
+
+        scanner.tell = told
+        yield
 
 
 @contextmanager
-def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[None]:
-    """Keeps the state, and shows a bar where standard error is a terminal."""
-    show: Callable[[Progress], None] = lambda progress: None  # noqa: E731
-    kept_well = True
-
-    def told(progress: Progress) -> None:
-        nonlocal kept_well
-        try:
-            kept.keep(scanner.state, time.monotonic())
-        except OSError as error:
-            if kept_well:
-                click.echo(f"{kept.path}: {error.strerror}; --resume will not work", err=True)
-            kept_well = False
-        show(progress)
-
-    scanner.tell = told
+def _bar(*, quiet: bool) -> Iterator[Callable[[Progress], None]]:
+    """A bar where standard error is a terminal."""
     if quiet or not sys.stderr.isatty():
-        yield
+        yield lambda progress: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -240,17 +251,15 @@ def _progress(scanner: Scanner, kept: StateFile, *, quiet: bool) -> Iterator[Non
                 completed=progress.asked,
             )
 
-        show = shown
-        yield
+        yield shown
 
 
 # -- at the end ------------------------------------------------------------------------------
 
 
-def _broken_off(why: str, scanner: Scanner, kept: StateFile, port: str, json: bool) -> None:
+def _broken_off(scanner: Scanner, kept: StateFile, port: str, json: bool) -> None:
     """What was found so far, and how to go on."""
     state = scanner.state
-    click.secho(why, err=True, fg="red")
     _show(state.devices, json)
     if state.found:
         addresses = ", ".join(str(address) for address in sorted(state.found))
@@ -290,7 +299,7 @@ def _traffic(traffic: Traffic, url: str) -> str:
 def _show(devices: list[FoundDevice], json: bool) -> None:
     if json:
         for device in devices:
-            click.echo(json_module.dumps(_fields(device)))
+            click.echo(json_line(_fields(device)))
         return
     rows = [
         (
@@ -311,7 +320,6 @@ def _behind(device: FoundDevice) -> str:
 
 def _fields(device: FoundDevice) -> dict[str, Any]:
     fields: dict[str, Any] = {
-        "v": 1,
         "protocol": device.protocol,
         "profile": device.profile,
         "address": device.address,

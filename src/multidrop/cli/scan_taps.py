@@ -5,10 +5,10 @@ from __future__ import annotations
 import sys
 from typing import Protocol
 
-from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli.capturing import new_capture, warn_if_incomplete
 from multidrop.cli.trace import Trace
 from multidrop.device import ProtocolModule
-from multidrop.io.capture import CaptureTap, CaptureWriter
+from multidrop.io.capture import CaptureTap
 from multidrop.io.line import Tap
 from multidrop.timing import LineSettings
 
@@ -30,7 +30,7 @@ class RoundTaps:
         self._port = port
         self._trace = trace
         self._path = capture or ""
-        self._writer = CaptureWriter.create(capture) if capture else None
+        self._writer = new_capture(capture) if capture else None
         self._open: list[Trace | CaptureTap] = []
 
     def __call__(self, round: OneSetting) -> list[Tap]:

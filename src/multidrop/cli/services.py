@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json as json_module
 from collections.abc import Callable
 
 import click
 
 from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line
 from multidrop.device import Report
 from multidrop.errors import DeviceError
 from multidrop.io.connection import Connection, Target, acting
@@ -42,6 +42,7 @@ def reset_comm(common: Common, device: str) -> None:
     """Reset the serial interface of DEVICE. Its faults stay: see clear-faults."""
     target = common.target(device)
     target.device().reset_comm()
+    common.confirm(f"Reset the serial interface of {device}?", needs_yes=False)
     _served(common, target, Connection.reset_comm)
 
 
@@ -91,7 +92,7 @@ def _served(common: Common, target: Target, ask: Callable[[Connection], Report])
 
 def _show(common: Common, device: str, report: Report) -> None:
     if common.json:
-        click.echo(json_module.dumps({"v": 1, "device": device, **report.fields}))
+        click.echo(json_line({"device": device, **report.fields}))
         return
     for line in report.lines:
         click.echo(line)

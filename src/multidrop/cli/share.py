@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json as json_module
 import signal
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -12,7 +11,9 @@ from typing import Any
 
 import click
 
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.options import Common, common
+from multidrop.cli.words import json_line, utc
 from multidrop.errors import UsageError
 from multidrop.io.audit import AuditLog
 from multidrop.io.listen import Listener
@@ -51,7 +52,8 @@ def share(
     name, keys = parse_port(port)
     found = targets(name, {**keys, **common.keys})
     audit = AuditLog(origin="share", force=common.force)
-    asyncio.run(_share(common, found, Rules(audit, allow_writes, protocol), listen))
+    with failure_as_line(name, common.json, of="port"):
+        asyncio.run(_share(common, found, Rules(audit, allow_writes, protocol), listen))
 
 
 async def _share(common: Common, found: Any, rules: Rules, where: str) -> None:
@@ -103,5 +105,4 @@ class _Said:
             click.echo(counts.shown(), err=True)
 
     def _object(self, event: str, **facts: Any) -> None:
-        time = datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
-        click.echo(json_module.dumps({"v": 1, "event": event, "time": time, **facts}))
+        click.echo(json_line({"event": event, "time": utc(datetime.now(UTC)), **facts}))

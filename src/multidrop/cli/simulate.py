@@ -77,21 +77,7 @@ def simulate(
     """
     if min(burst, delay, late) < 0:
         raise UsageError("--burst, --delay and --late are times: 0 or more")
-    own = {} if stuffing is None else {"stuffing": stuffing}
-    if capture is not None:
-        if devices or own:
-            raise UsageError("--from FILE has its own devices and keys")
-        lines = [(_where(listen), _of_capture(capture))]
-    elif not devices:
-        raise UsageError("which devices? As in flexmax:0 ax-v:2, a plant file, or --from a capture")
-    elif devices[0].endswith(".toml"):
-        if listen or own:
-            raise UsageError(
-                "a plant file has its own ports and keys: leave --listen and --stuffing away"
-            )
-        lines = _of_plant(devices[0])
-    else:
-        lines = _named(devices, listen, own)
+    lines = _lines(devices, capture, listen, {} if stuffing is None else {"stuffing": stuffing})
     rates = dict(parse_fault(text) for text in faults)
     served = []
     for where, line in lines:
@@ -110,6 +96,28 @@ class _Planned(NamedTuple):
 
     settings: LineSettings
     simulated: SimulatedLine
+
+
+def _lines(
+    devices: tuple[str, ...], capture: str | None, listen: str | None, own: dict[str, str]
+) -> list[tuple[str, _Planned]]:
+    """Where each line listens, and what is on it. Raises `UsageError`."""
+    if capture is not None:
+        if devices or own:
+            raise UsageError("--from FILE has its own devices and keys")
+        return [(_where(listen), _of_capture(capture))]
+    if not devices:
+        raise UsageError("which devices? As in flexmax:0 ax-v:2, a plant file, or --from a capture")
+    first, *others = devices
+    if not first.endswith(".toml"):
+        return _named(devices, listen, own)
+    if listen or own:
+        raise UsageError(
+            "a plant file has its own ports and keys: leave --listen and --stuffing away"
+        )
+    if others:
+        raise UsageError(f"{first} has its own devices: leave {' '.join(others)} away")
+    return _of_plant(first)
 
 
 def _plan(devices: list[tuple[Profile, int, str | None]], keys: Mapping[str, str]) -> _Planned:

@@ -7,26 +7,27 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import click
 
-from multidrop.cli.capturing import warn_if_incomplete
+from multidrop.cli import flags
+from multidrop.cli.capturing import new_capture, warn_if_incomplete
+from multidrop.cli.failures import failure_as_line
 from multidrop.cli.listening import (
     Company,
+    Listening,
     company,
-    filter_of,
     find_plant,
-    listening_options,
+    listening,
     protocol_name,
-    style_of,
 )
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.device import ProtocolModule
-from multidrop.errors import UsageError
-from multidrop.io.capture import CaptureWriter
 from multidrop.io.connection import line_settings
 from multidrop.io.ports import PortSetup, open_port
-from multidrop.naming import LINE_KEYS, LineOptions
+from multidrop.naming import LineOptions, parse_port
 from multidrop.profile import Profile
 from multidrop.protocols import PROTOCOLS
 from multidrop.timing import LineSettings
@@ -41,27 +42,17 @@ from multidrop.tools.captures.tally import Tally
 )
 @click.argument("port", metavar="PORT[,key=value]...")
 @click.option("-o", "output", metavar="FILE", help="write a capture, pcapng for Wireshark")
-@click.option("--seconds", type=NumberFrom(0.0), metavar="S", help="end after so long")
+@click.option("--seconds", type=Seconds(), metavar="S", help="end after so long")
 @click.option("--quiet", "-q", is_flag=True, help="only the summary")
-@click.option("--baud", metavar="X", help=LINE_KEYS["baud"])
-@click.option("--format", metavar="X", help=LINE_KEYS["format"])
-@click.option("--silence", metavar="X", help=LINE_KEYS["silence"])
-@click.option("--stuffing", metavar="X", help="on or off: byte stuffing (datalink)")
-@listening_options
+@partial(flags.line_keys, keys=("baud", "format", "silence", "stuffing"))
+@listening
 def sniff(
+    asked: Listening,
     port: str,
     output: str | None,
     seconds: float | None,
     quiet: bool,
-    json: bool,
-    csv: bool,
-    protocol: str | None,
-    device_profiles: tuple[str, ...],
-    device: tuple[str, ...],
-    point: tuple[str, ...],
-    kind: tuple[str, ...],
-    config: str | None,
-    **keys: str | None,
+    **given: Any,
 ) -> None:
     """Listen to the line at PORT, and never send a byte, until Ctrl-C.
 
@@ -69,20 +60,20 @@ def sniff(
     devices. Without --baud and --format a line has what its protocol has, and
     9600 8E1 while that is not known.
     """
-    style = STYLES[style_of(json, csv)]
-    wanted = filter_of(device, point, kind)
-    name, *pairs = port.split(",")
-    plant = find_plant(config)
+    style, wanted = STYLES[asked.style], asked.wanted
+    name, keys = parse_port(port)
+    plant = find_plant(asked.config)
     name = plant.lines.get(name, name) if plant is not None else name
-    found = company(plant, name, device_profiles)
-    given = {**found.keys, **_pairs(pairs), **{k: v for k, v in keys.items() if v is not None}}
-    line = _Line(name, found, given, protocol_name(protocol) or found.protocol())
-    opened = open_port(name, PortSetup(line.settings, line.options))
+    found = company(plant, name, asked.device_profiles)
+    keys = {**found.keys, **keys, **flags.taken_keys(given)}
+    line = _Line(name, found, keys, protocol_name(asked.protocol) or found.protocol())
     with contextlib.ExitStack() as stack:
+        stack.enter_context(failure_as_line(name, asked.json, of="port"))
+        opened = open_port(name, PortSetup(line.settings, line.options))
         stack.callback(opened.close)
         writer = None
         if output is not None:
-            writer = CaptureWriter.create(output)
+            writer = new_capture(output)
             stack.callback(warn_if_incomplete, writer, output)
             stack.callback(writer.close)
         sniffer = Sniffer(
@@ -122,16 +113,6 @@ class _Line:
         if profile is None or profile.protocol != protocol.name:
             profile = Profile(protocol.name, protocol.name)
         return line_settings(protocol, profile, self.options)
-
-
-def _pairs(pairs: list[str]) -> dict[str, str]:
-    found = {}
-    for pair in pairs:
-        key, equals, value = pair.partition("=")
-        if not equals or not value:
-            raise UsageError(f"{pair!r} is not key=value")
-        found[key.strip()] = value.strip()
-    return found
 
 
 def _listen(sniffer: Sniffer, show: Shown | None, seconds: float | None) -> None:

@@ -7,9 +7,9 @@ import time
 import click
 
 from multidrop.cli.live import LiveTable, Row
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.options import Common, common
-from multidrop.cli.reading import LOST, read_all
+from multidrop.cli.reading import LOST, connected, read_all
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.connection import Connection
 from multidrop.io.readings import in_order
@@ -19,9 +19,7 @@ from multidrop.points import Point
 @click.command(epilog="Example: multidrop watch flexmax:0@/dev/ttyUSB0 actual_speed 8236:int16")
 @click.argument("device")
 @click.argument("points", nargs=-1, metavar="[POINT...]")
-@click.option(
-    "--every", type=NumberFrom(0.0), default=0.5, metavar="S", help="s between readings (0.5)"
-)
+@click.option("--every", type=Seconds(), default=0.5, metavar="S", help="s between readings (0.5)")
 @common()
 def watch(common: Common, device: str, points: tuple[str, ...], every: float) -> int:
     """Show POINTs of DEVICE live with their trend, until Ctrl-C.
@@ -39,7 +37,7 @@ def watch(common: Common, device: str, points: tuple[str, ...], every: float) ->
     worked_out = target.device()
     asked = [point for text in points for point in worked_out.points(text)]
     rows = [Row(str(point), point.unit or "") for point in asked]
-    with common.connect(target) as connection:
+    with connected(common, target, asked) as connection:
         if common.json:
             return _watch_json(connection, asked, every)
         with LiveTable(device, rows) as table:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json as json_module
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
+from multidrop.cli import flags
 from multidrop.cli.failures import failure, report_failure
-from multidrop.cli.numbers import NumberFrom
+from multidrop.cli.numbers import Seconds
 from multidrop.cli.passports import shown
+from multidrop.cli.words import json_line, label
 from multidrop.errors import UsageError
 from multidrop.gateway.settings import passports_folder
 from multidrop.io.audit import jsonable
@@ -34,13 +34,13 @@ from multidrop.plantfile import Plant
     metavar="FOLDER",
     help="where passports are; else what [passports] says, else passports beside the plant file",
 )
-@click.option("--every", type=NumberFrom(0.0), metavar="S", help="repeat until Ctrl-C")
+@click.option("--every", type=Seconds(), metavar="S", help="repeat until Ctrl-C")
 @click.option(
     "--save",
     is_flag=True,
     help="a new passport of what differs, or has none; it counts from then on",
 )
-@click.option("--json", is_flag=True, help="JSON Lines on standard output")
+@flags.as_json
 def watch_drift(
     plant: str, passports: str | None, every: float | None, save: bool, json: bool
 ) -> int:
@@ -54,7 +54,7 @@ def watch_drift(
         folder.mkdir()
     if not found.devices:
         raise UsageError(f"{plant} has no devices")
-    seen: dict[str, list[str]] = {}
+    seen: dict[str, set[str]] = {}
     started = time.monotonic()
     while True:
         status = _round(found, Passports.of(folder), seen, save=save, as_json=json)
@@ -65,29 +65,30 @@ def watch_drift(
 
 
 def _round(
-    plant: Plant, passports: Passports, seen: dict[str, list[str]], *, save: bool, as_json: bool
+    plant: Plant, passports: Passports, seen: dict[str, set[str]], *, save: bool, as_json: bool
 ) -> int:
-    """All devices once. What was said the last time is not said again."""
+    """All devices once. What was said the last time is not said again, nor after a silence."""
     for path, reason in passports.unusable.items():
-        if seen.get(str(path)) != [reason]:
+        if seen.get(str(path)) != {reason}:
             click.secho(f"not used: {reason}", err=True, fg="yellow")
-            seen[str(path)] = [reason]
+            seen[str(path)] = {reason}
     status, differ = 0, False
     for name, device in plant.devices.items():
         drift = look(name, Target(device.device, device.profile), passports)
         if save and drift.kept is None and drift.now is not None:
             drift = replace(drift, error=None)  # it gets its first one
+        before = seen.get(name, set())
         lines = _lines(drift, as_json)
         for line in lines:
-            if line not in seen.get(name, ()):
+            if line not in before:
                 click.echo(line)
         if drift.error is not None:
             status = max(status, drift.error.exit_status)
             if not as_json:
                 lines.append(f"{drift.error}")
-                if lines[-1] not in seen.get(name, ()):
+                if lines[-1] not in before:
                     report_failure(drift.error, name)
-        seen[name] = lines
+        seen[name] = {*lines, *(before if drift.now is None else ())}
         differ = differ or bool(drift.differences)
         if save and drift.now is not None and (drift.differences or drift.kept is None):
             click.echo(f"{name}: {save_new(drift, passports.folder)}", err=True)
@@ -98,7 +99,7 @@ def _lines(drift: Drift, as_json: bool) -> list[str]:
     if as_json:
         lines = [_as_line(drift, item) for item in drift.differences]
         if drift.error is not None:
-            lines.append(_json({"v": 1, "device": drift.name, "error": failure(drift.error)}))
+            lines.append(json_line({"device": drift.name, "error": failure(drift.error)}))
         return lines
     return [_as_text(drift, item) for item in drift.differences]
 
@@ -107,9 +108,8 @@ def _as_line(drift: Drift, item: Difference) -> str:
     assert drift.kept is not None
     assert isinstance(item.before, Entry)
     assert isinstance(item.after, Entry)
-    return _json(
+    return json_line(
         {
-            "v": 1,
             "device": drift.name,
             "point": item.point,
             "name": item.name,
@@ -122,14 +122,8 @@ def _as_line(drift: Drift, item: Difference) -> str:
     )
 
 
-def _json(line: dict[str, Any]) -> str:
-    return json_module.dumps(line, ensure_ascii=False)
-
-
 def _as_text(drift: Drift, item: Difference) -> str:
     assert drift.kept is not None
-    label = f"{item.name} ({item.point})" if item.name else item.point
-    since = f"{drift.kept.passport.time:%Y-%m-%d %H:%M}"
-    return (
-        f"{drift.name}: {label}   {shown(item.before)} -> {shown(item.after)}   since {since} UTC"
-    )
+    where = label(item.name, item.point)
+    since = f"{drift.kept.passport.time:%Y-%m-%d %H:%M} UTC"
+    return f"{drift.name}: {where}   {shown(item.before)} -> {shown(item.after)}   since {since}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import signal
 from pathlib import Path
 from types import FrameType
@@ -11,14 +10,16 @@ from typing import Any, BinaryIO
 
 import click
 
+from multidrop.cli.flags import as_json
+from multidrop.cli.words import json_line
 from multidrop.errors import UsageError
 from multidrop.io.list_ports import list_ports
 
 
 @click.command(epilog="Example: multidrop wireshark --install")
 @click.option("--install", is_flag=True, help="put both files into your Wireshark folders")
-@click.option("--json", "as_json", is_flag=True, help="JSON Lines on standard output")
-def wireshark(install: bool, as_json: bool) -> None:
+@as_json
+def wireshark(install: bool, json: bool) -> None:
     """The dissector and the extcap for Wireshark: where they are, and where they go."""
     from multidrop.tools.captures import wireshark as placing
 
@@ -26,10 +27,10 @@ def wireshark(install: bool, as_json: bool) -> None:
     dissector, extcap = where.files
     if install:
         placing.install(where)
-    if as_json:
+    if json:
         paths = {"shipped": placing.DISSECTOR, "dissector": dissector, "extcap": extcap}
-        facts = {"v": 1, **{name: str(path) for name, path in paths.items()}}
-        click.echo(json.dumps({**facts, "wireshark": where.found, "installed": install}))
+        facts = {name: str(path) for name, path in paths.items()}
+        click.echo(json_line({**facts, "wireshark": where.found, "installed": install}))
         return
     if where.found is None:
         click.echo("Wireshark was not found here; these are its usual folders", err=True)

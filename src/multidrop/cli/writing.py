@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_module
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,7 +9,8 @@ import click
 
 from multidrop.cli.failures import failure, report_failure
 from multidrop.cli.options import Common, common
-from multidrop.device import Write
+from multidrop.cli.words import json_line, utc, with_unit
+from multidrop.device import Device, Write
 from multidrop.errors import Error, PortError, UsageError
 from multidrop.io.audit import jsonable, shown
 from multidrop.io.connection import Connection, keeping
@@ -41,22 +41,27 @@ def write(
     worked_out = target.device()
     if nv:
         keeping(worked_out)
-    pairs = [parse_assignment(text) for text in assignments]
-    writes = [
-        worked_out.prepare_write(f"{point}@nv" if nv else point, value, force=common.force)
-        for point, value in pairs
-    ]
+    writes = [_prepared(worked_out, text, nv=nv, force=common.force) for text in assignments]
     common.audit().check()
-    _confirm_commands(common, device, writes)
+    _confirm(common, device, writes)
     try:
         connection = common.connect(target)
     except PortError as error:
         for item in writes if common.json else ():
             record = Written(item.point, item.value, Outcome.NOT_SENT, error=error)
-            click.echo(as_line(str(target.name), record))
+            click.echo(json_line(facts(str(target.name), record)))
         raise
     with connection:
         return _write_all(connection, writes, common.json, not no_verify, keep_going)
+
+
+def _prepared(device: Device, text: str, *, nv: bool, force: bool) -> Write:
+    """`POINT=VALUE`, checked. Raises `UsageError`, which names the point: it may be one of many."""
+    point, value = parse_assignment(text)
+    try:
+        return device.prepare_write(f"{point}@nv" if nv else point, value, force=force)
+    except UsageError as error:
+        raise (error if point in str(error) else UsageError(f"{point}: {error}")) from None
 
 
 def parse_assignment(text: str) -> tuple[str, str]:
@@ -67,16 +72,22 @@ def parse_assignment(text: str) -> tuple[str, str]:
     return point.strip(), value
 
 
-def _confirm_commands(common: Common, device: str, writes: list[Write]) -> None:
-    moving = [
-        f"{write.point}={shown_value(write.value)}"
-        for write in writes
-        if write.point.role is Role.COMMAND
-    ]
+def _confirm(common: Common, device: str, writes: list[Write]) -> None:
+    """What may move something is asked about. What no profile explains may be a command too."""
+    moving, unexplained = (_of_role(writes, role) for role in (Role.COMMAND, Role.UNKNOWN))
+    parts = []
     if moving:
-        common.confirm(
-            f"{', '.join(moving)} may start, stop or switch {device}. Write it?", needs_yes=True
-        )
+        parts.append(f"{moving} may start, stop or switch {device}")
+    if unexplained:
+        parts.append(f"no profile says what {unexplained} does: it may move {device}")
+    if parts:
+        common.confirm(f"{'; '.join(parts)}. Write it?", needs_yes=bool(moving))
+
+
+def _of_role(writes: list[Write], role: Role) -> str:
+    return ", ".join(
+        f"{write.point}={shown_value(write.value)}" for write in writes if write.point.role is role
+    )
 
 
 def _write_all(
@@ -89,13 +100,17 @@ def _write_all(
             record = Written(write.point, write.value, Outcome.NOT_SENT)
         else:
             try:
+                connection.audit.check()
                 record = connection.carry_out(write, verify=verify)
             except Error as error:  # nothing was sent
                 record = Written(write.point, write.value, Outcome.NOT_SENT, error=error)
         if record.error is not None:
             status = max(status, record.error.exit_status)
             stopped = not keep_going or _broke_off(record.error)
-        click.echo(as_line(connection.name, record)) if as_json else show_record(record)
+        if as_json:
+            click.echo(json_line(facts(connection.name, record)))
+        else:
+            show_record(record)
     return status
 
 
@@ -104,11 +119,10 @@ def _broke_off(error: Error) -> bool:
     return any(isinstance(why, PortError | KeyboardInterrupt) for why in (error, error.__cause__))
 
 
-def as_line(device: str, record: Written) -> str:
-    """A write as a JSON line."""
+def facts(device: str, record: Written) -> dict[str, Any]:
+    """What is known of a write, for a JSON line."""
     description = record.point.description
     line: dict[str, Any] = {
-        "v": 1,
         "device": device,
         "point": record.point.text,
         "name": record.point.name,
@@ -117,27 +131,27 @@ def as_line(device: str, record: Written) -> str:
         "found": shown(record.found, description),
         "raw": record.point.raw_text(record.found.raw) if record.found else None,
         "outcome": record.outcome.value,
-        "time": datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z"),
+        "time": utc(datetime.now(UTC)),
     }
     if record.error is not None:
         line["error"] = failure(record.error)
     elif record.outcome is Outcome.NOT_SENT:
         line["error"] = {"kind": "not-sent", "text": "an earlier write was not confirmed"}
-    return json_module.dumps(line, ensure_ascii=False)
+    return line
 
 
 def show_record(record: Written) -> None:
     point = record.point
-    unit = f" {point.unit}" if point.unit else ""
     old = None if record.old is None else shown_value(point.physical(record.old.value))
     if record.error is None and record.outcome is not Outcome.NOT_SENT:
         found = record.asked if record.found is None else point.physical(record.found.value)
         known = "?" if old is None else old
-        click.echo(f"{point!s:<32} {known} -> {shown_value(found)}{unit}   {record.outcome.value}")
+        shown_found = with_unit(found, point.unit)
+        click.echo(f"{point!s:<32} {known} -> {shown_found}   {record.outcome.value}")
         return
     unsure = old is not None and record.outcome is Outcome.UNKNOWN
-    asked = "?" if unsure else shown_value(record.asked)
+    asked = with_unit("?" if unsure else record.asked, point.unit)
     change = asked if old is None else f"{old} -> {asked}"
-    click.echo(f"{point!s:<32} {change}{unit}   {record.outcome.value}")
+    click.echo(f"{point!s:<32} {change}   {record.outcome.value}")
     if record.error is not None:
         report_failure(record.error, str(point))

@@ -242,15 +242,12 @@ class Gateway:
             self._allow(device, point, value)
             service = self.line_of(device).service
             return await service.write(device, point, value, audit=log)
+        except OutcomeUnknown:  # it was sent, also where the log could not take that
+            raise
         except Error as error:
             if not log.lines:
                 self._not_sent(log, device, point, value, str(error))
             raise
-        except OSError as error:  # the log had room before
-            raise OutcomeUnknown(
-                f"{device} {point}: the write went out and could not be recorded: {error}",
-                step="the audit log",
-            ) from None
 
     def refuse(
         self, device: str, point: str, value: Value | str, why: str, *, who: str, origin: str

@@ -60,9 +60,7 @@ class Outbox:
         self._delivered = 0
         self._taken = 0
         self._rates: deque[tuple[float, int]] = deque()
-        self._asking = (
-            threading.Lock()
-        )  # the rates have their own: the other one waits for the disk
+        self._asking = threading.Lock()  # of the rates: the other one waits for the disk
         try:
             self._file = _open(path)
         except (sqlite3.OperationalError, OSError) as error:
@@ -134,15 +132,18 @@ class Outbox:
                 raise
             self._note_rate(sum(len(record[0]) for record in records))
 
-    def take(self, most: int = 1) -> list[Waiting]:
-        """The oldest records that were not yet delivered; until they are, or `put_back`, they stay."""
+    def take(self, most: int = 1, after: int = 0) -> list[Waiting]:
+        """The oldest records that were not yet delivered; until they are, or `put_back`, they stay.
+
+        `after`: the next ones after that number, up to which all stay too.
+        """
         with self._lock:
             rows = self._file.execute(
                 "SELECT number, data, lost_from, lost_until, lost FROM records "
                 "WHERE number > ? ORDER BY number LIMIT ?",
-                (self._delivered, most),
+                (max(self._delivered, after), most),
             ).fetchall()
-            self._taken = rows[-1][0] if rows else 0
+            self._taken = rows[-1][0] if rows else after
         return [
             Waiting(number, data, Gap(start, end, OVERFLOW, lost) if start is not None else None)
             for number, data, start, end, lost in rows

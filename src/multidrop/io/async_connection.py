@@ -84,7 +84,7 @@ class AsyncConnection(BaseConnection):
             if isinstance(why, asyncio.CancelledError):
                 raise
             return checked(record)
-        log.written(self.name, timed.result)
+        self._recorded(timed.result, log)
         if self.on_written is not None:
             self.on_written(timed)
         return checked(timed.result)

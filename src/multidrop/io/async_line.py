@@ -160,9 +160,9 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         self._gone.set()
         self.low_water = None
-        self._break(str(error) if error is not None else "the other side closed the connection")
+        self._break(error or "the other side closed the connection")
 
-    def _break(self, why: str) -> None:
+    def _break(self, why: str | BaseException) -> None:
         """The port was lost: whoever waits hears of it, and whoever asks from now on."""
         if self.lost is None:
             self.lost = lost(self.name, why)
@@ -179,7 +179,7 @@ class AsyncLine(asyncio.BufferedProtocol, asyncio.Protocol):
             try:
                 self._transport.write(to_send)
             except Exception as error:  # serialx raises what the platform raised
-                self._break(str(error))
+                self._break(error)
                 return
             if exchange.told is not None:
                 exchange.written(self._now())

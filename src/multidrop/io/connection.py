@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from types import TracebackType
@@ -130,7 +131,11 @@ class BaseConnection:
         )
         lost.__cause__ = why
         record = Written(write.point, write.value, Outcome.UNKNOWN, error=lost)
-        (audit or self.audit).written(self.name, record)
+        return self._recorded(record, audit or self.audit)
+
+    def _recorded(self, record: Written, audit: AuditLog) -> Written:
+        with recording(f"{record.point}: the write ({record.outcome.value})"):
+            audit.written(self.name, record)
         return record
 
     def _clear_faults(self) -> Service:
@@ -146,9 +151,7 @@ class BaseConnection:
         return Service(name, acting(self.device).prepare_action(name)(), Outcome.CONFIRMED)
 
     def _copied(self, records: list[Written]) -> list[Written]:
-        for record in records:
-            self.audit.written(self.name, record)
-        return records
+        return [self._recorded(record, self.audit) for record in records]
 
     def _copy_failed(self, copy: Copy, why: BaseException, acted: bool) -> NoReturn:
         self._failed(f"{'save' if copy.save else 'load'} {copy.point}", why, acted)
@@ -156,7 +159,8 @@ class BaseConnection:
     def _answered(self, service: Service, report: Report, acted: bool) -> Report:
         if acted:
             outcome = service.outcome.value
-            self.audit.append(self.name, service.what, outcome=outcome, answer=report.fields)
+            with recording(service.what):
+                self.audit.append(self.name, service.what, outcome=outcome, answer=report.fields)
         return report
 
     def _failed(self, what: str, why: BaseException, acted: bool) -> NoReturn:
@@ -165,10 +169,22 @@ class BaseConnection:
             reason = str(why) or "interrupted"
             refused = isinstance(why, DeviceError | NotApplied)
             outcome = Outcome.NOT_APPLIED if refused else Outcome.UNKNOWN
-            self.audit.append(self.name, what, outcome=outcome.value, error=reason)
+            with recording(what):
+                self.audit.append(self.name, what, outcome=outcome.value, error=reason)
             if isinstance(why, KeyboardInterrupt | PortError):
                 raise OutcomeUnknown(f"{what} went out, then: {reason}", step=reason) from why
         raise why
+
+
+@contextmanager
+def recording(what: str) -> Iterator[None]:
+    """Something went out and is written into the log. Raises `OutcomeUnknown` where that takes nothing."""
+    try:
+        yield
+    except OSError as error:  # it had room before
+        raise OutcomeUnknown(
+            f"{what} went out and could not be recorded: {error}", step="the audit log"
+        ) from error
 
 
 def checked(record: Written) -> Written:
@@ -225,8 +241,7 @@ class Connection(BaseConnection):
             if self.line.acted:
                 return self._broken_off(write, why)
             raise
-        self.audit.written(self.name, record)
-        return record
+        return self._recorded(record, self.audit)
 
     def status(self) -> Report:
         """What the protocol offers of the device's state."""

@@ -139,9 +139,9 @@ class PtyListener:
         self._loop.add_reader(self._fd, self._read)
 
     def _make_link(self, link: Path) -> None:
-        if link.is_symlink() and (not link.exists() or os.readlink(link) == self.port):
-            link.unlink()  # left over from a program that was killed
         try:
+            if link.is_symlink() and (not link.exists() or os.readlink(link) == self.port):
+                link.unlink()  # left over from a program that was killed
             link.symlink_to(self.port)
         except OSError as error:
             os.close(self._fd)

@@ -112,8 +112,26 @@ def tcp_address(url: str) -> tuple[str, int]:
     except ValueError as error:
         raise UsageError(f"{url!r}: {error}") from None
     if not host or number is None or parts.path not in ("", "/"):
-        raise UsageError(f"{url!r} is not of the form {parts.scheme}://HOST:PORT")
+        raise UsageError(f"{url!r} is not of the form {parts.scheme or 'tcp'}://HOST:PORT")
     return host, number
+
+
+_NO_SUCH_PORT = "no such port ('multidrop ports' lists the ports of this machine)"
+_BUSY = "busy: another program has it open"
+_NO_PERMISSION = "no permission (on Linux: add yourself to the group that owns it, often dialout)"
+_NO_SERIAL_PORT = "not a serial port"
+_REASONS = {
+    errno.EADDRINUSE: "another program listens there already (port 0 takes any free one)",
+    errno.ENOENT: _NO_SUCH_PORT,
+    errno.ENODEV: _NO_SUCH_PORT,
+    errno.ENXIO: _NO_SUCH_PORT,
+    errno.EBUSY: _BUSY,
+    errno.EWOULDBLOCK: _BUSY,
+    errno.EACCES: _NO_PERMISSION,
+    errno.EPERM: _NO_PERMISSION,
+    errno.ENOTTY: _NO_SERIAL_PORT,
+    errno.EISDIR: _NO_SERIAL_PORT,
+}
 
 
 def port_error(url: str, error: BaseException) -> PortError:
@@ -132,25 +150,18 @@ def port_error(url: str, error: BaseException) -> PortError:
         reason = f"no connection within {CONNECT_TIMEOUT:g} s"
     elif isinstance(error, ConnectionRefusedError):
         reason = "connection refused: nothing listens there"
-    elif number == errno.EADDRINUSE:
-        reason = "another program listens there already (port 0 takes any free one)"
     elif number == errno.ENOENT and re.fullmatch(r"[\w.-]+:[0-9]+", url):
         reason = f"no such port; a device server is tcp://{url}"
-    elif number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        reason = "no such port ('multidrop ports' lists the ports of this machine)"
-    elif number in (errno.EBUSY, errno.EWOULDBLOCK):
-        reason = "busy: another program has it open"
-    elif number in (errno.EACCES, errno.EPERM):
-        reason = "no permission (on Linux: add yourself to the group that owns it, often dialout)"
-    elif number in (errno.ENOTTY, errno.EISDIR):
-        reason = "not a serial port"
+    elif number == errno.EACCES and "://" in url:
+        reason = "no permission (ports below 1024 are the system's)"
     else:
-        reason = text
+        reason = _REASONS.get(number, text) if number is not None else text
     return PortError(f"cannot open {url}: {reason}")
 
 
-def lost(url: str, why: str) -> PortError:
-    return PortError(f"{url} was lost: {why}")
+def lost(url: str, why: str | BaseException) -> PortError:
+    """`why` without the number that the system has for it."""
+    return PortError(f"{url} was lost: {getattr(why, 'strerror', None) or why}")
 
 
 class TcpPort:
@@ -186,7 +197,7 @@ class TcpPort:
                 return b""
             data = self._socket.recv(4096)
         except (OSError, ValueError) as error:
-            raise lost(self._url, str(error)) from error
+            raise lost(self._url, error) from error
         if not data:
             raise lost(self._url, "the other side closed the connection")
         return data
@@ -197,7 +208,7 @@ class TcpPort:
             self._socket.sendall(data)
             self._socket.setblocking(False)
         except OSError as error:
-            raise lost(self._url, str(error)) from error
+            raise lost(self._url, error) from error
 
     def close(self) -> None:
         self._socket.close()
@@ -236,7 +247,7 @@ class SerialPort:
         try:
             count = self._serial.readinto(self._buffer, timeout=max(timeout, 0.0))
         except Exception as error:  # serialx raises what the platform raised
-            raise lost(self._url, str(error)) from error
+            raise lost(self._url, error) from error
         return bytes(self._buffer[:count])
 
     def write(self, data: bytes) -> None:
@@ -245,7 +256,7 @@ class SerialPort:
             while view:
                 view = view[self._serial.write(view, timeout=CONNECT_TIMEOUT) :]
         except Exception as error:
-            raise lost(self._url, str(error)) from error
+            raise lost(self._url, error) from error
 
     def close(self) -> None:
         self._serial.close()

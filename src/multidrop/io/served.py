@@ -83,10 +83,8 @@ class ServedDevice(AsyncConnection):
 
     def notice_delay(self, seconds: float) -> None:
         """It answered so long after the end of the question."""
-        known = self.counters.delay
-        self.counters.delay = (
-            seconds if known is None else known + (max(0.0, seconds) - known) * WEIGHT
-        )
+        known, found = self.counters.delay, max(0.0, seconds)
+        self.counters.delay = found if known is None else known + (found - known) * WEIGHT
 
     def _watched(
         self, conversation: Conversation[Any, ResultT], line: AsyncLine

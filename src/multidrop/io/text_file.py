@@ -26,9 +26,11 @@ def write_whole(text: str, path: Path, encoding: str = "utf-8") -> None:
 
 
 def check_place(path: Path, *, force: bool = False) -> None:
-    """Before any work: is there a folder, and nothing there yet? Raises `UsageError`."""
+    """Before any work: is there a folder that takes it, and nothing there yet? Raises `UsageError`."""
     if not path.parent.is_dir():
         raise UsageError(f"{path}: there is no folder {path.parent}")
+    if not os.access(path.parent, os.W_OK):
+        raise UsageError(f"{path}: nothing may be written into {path.parent}")
     if path.is_dir():
         raise UsageError(f"{path} is a folder")
     if path.exists() and not force:

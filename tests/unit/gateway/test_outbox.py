@@ -51,6 +51,26 @@ def test_what_was_delivered_does_not_come_again(outbox: Outbox) -> None:
     assert (outbox.size, outbox.samples) == (10, 10)
 
 
+def test_what_comes_after_what_was_taken_is_taken_with_it(outbox: Outbox) -> None:
+    outbox.put([record(number) for number in range(9)])
+    first, second = outbox.take(2)
+    (third,) = outbox.take(1, second.number)
+    assert [first.data[0], second.data[0], third.data[0]] == [0, 1, 2]
+    outbox.put([record(9), record(10), record(11)])  # there is room for ten: the fourth goes
+    assert outbox.take(1, third.number)[0].data[0] == 5
+    assert outbox.take(9, 99) == []
+    outbox.done(third.number)
+    assert numbers(outbox)[0] == 5
+
+
+def test_what_was_taken_stays_where_nothing_is_behind_it(outbox: Outbox) -> None:
+    outbox.put([record(number) for number in range(10)])
+    taken = outbox.take(10)
+    assert outbox.take(10, taken[-1].number) == []
+    outbox.put([record(10)])
+    assert numbers(outbox) == list(range(11))
+
+
 def test_records_wait_in_the_file(outbox: Outbox) -> None:
     outbox.put([record(1), record(2)])
     outbox.done(outbox.take()[0].number)
@@ -59,21 +79,6 @@ def test_records_wait_in_the_file(outbox: Outbox) -> None:
     assert numbers(again) == [2]
     assert (again.size, again.samples) == (10, 10)
     again.close()
-
-
-def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
-    """A loop asks, which must not wait for a disk."""
-
-    def ask() -> None:
-        outbox.note(1)
-        assert (outbox.hours, outbox.left) != (0, 0)
-
-    outbox.put([record(1)])
-    with outbox._lock:
-        asked = threading.Thread(target=ask, daemon=True)
-        asked.start()
-        asked.join(5)
-        assert not asked.is_alive()
 
 
 def test_beyond_the_bound_the_oldest_go_and_the_next_one_says_so(outbox: Outbox) -> None:
@@ -147,3 +152,18 @@ def test_another_file_is_refused(tmp_path: Path) -> None:
         Outbox(path, 100)
     with pytest.raises(PortError, match="no outbox can be kept here"):
         Outbox(tmp_path / "no folder" / "outbox.db", 100)
+
+
+def test_how_it_is_can_be_asked_while_the_disk_takes_long(outbox: Outbox) -> None:
+    """A loop asks, which must not wait for a disk."""
+
+    def ask() -> None:
+        outbox.note(1)
+        assert outbox.hours is None or outbox.left is not None
+
+    outbox.put([record(1)])
+    with outbox._lock:
+        asked = threading.Thread(target=ask, daemon=True)
+        asked.start()
+        asked.join(5)
+        assert not asked.is_alive()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -80,7 +81,7 @@ def test_a_write_in_units(log: AuditLog) -> None:
     assert record.outcome == "confirmed"
     assert connection.read("1009").raw == b"\x96\0"
     assert logged(log)[0]["asked"] == 15.0
-    with pytest.raises(UsageError, match=r"30.0 N is out of range for tension"):
+    with pytest.raises(UsageError, match=r"30 N is out of range for tension"):
         connection.write("tension", 30.0)
     assert len(logged(log)) == 1
 
@@ -345,3 +346,30 @@ def test_nothing_goes_out_where_the_log_cannot_be_written(tmp_path: Path) -> Non
             call()
     assert connection.line.counters.requests == 0
     assert connection.read("8236").value == 0
+
+
+class FullLog(AuditLog):
+    """A log whose disk became full behind the look at it."""
+
+    def append(self, device: str, point: str, **facts: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_what_went_out_and_could_not_be_recorded_is_not_called_done(tmp_path: Path) -> None:
+    connection = connected(FullLog(tmp_path / "log", origin="tests"), who="flexmax:0")
+    for call, what in (
+        (lambda: connection.write("8236", 77), r"index_8236 \(8236\): the write \(confirmed\)"),
+        (lambda: connection.raw("0020"), "raw 0020"),
+    ):
+        with pytest.raises(OutcomeUnknown, match=rf"{what} went out and could not be recorded: "):
+            call()
+    assert connection.read("8236").value == 77
+
+
+def test_an_asyncio_write_that_could_not_be_recorded(tmp_path: Path) -> None:
+    async def main() -> None:
+        async with on_wire(FullLog(tmp_path / "log", origin="tests")) as drive:
+            with pytest.raises(OutcomeUnknown, match="could not be recorded"):
+                await drive.write("8236", 77)
+
+    in_virtual_time(main)

@@ -46,6 +46,17 @@ def test_why_a_port_cannot_be_opened(error: BaseException, reason: str) -> None:
     assert str(found).startswith(f"cannot open /dev/ttyUSB0: {reason}")
 
 
+def test_a_port_that_the_system_keeps_for_itself() -> None:
+    found = port_error("tcp://127.0.0.1:80", PermissionError(errno.EACCES, "x"))
+    assert "ports below 1024 are the system's" in str(found)
+
+
+def test_why_a_port_was_lost_without_its_number() -> None:
+    found = ports.lost("tcp://h:1", ConnectionResetError(errno.ECONNRESET, "Connection reset"))
+    assert str(found) == "tcp://h:1 was lost: Connection reset"
+    assert str(ports.lost("/dev/x", ValueError("odd"))) == "/dev/x was lost: odd"
+
+
 def test_an_error_of_termios_is_no_os_error() -> None:
     import termios
 

@@ -101,6 +101,17 @@ def test_the_delay_is_learned(monkeypatch: pytest.MonkeyPatch) -> None:
     in_world(monkeypatch, 2, test)
 
 
+def test_no_device_answers_before_it_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line that is faster than its baud rate says so, as behind a network."""
+
+    async def test(world: World) -> None:
+        async with world.service() as service:
+            service.device("d0").notice_delay(-0.003)
+            assert service.delays == {"d0": 0.0}
+
+    in_world(monkeypatch, 1, test)
+
+
 def test_a_refused_point(monkeypatch: pytest.MonkeyPatch) -> None:
     async def test(world: World) -> None:
         async with world.service() as service:

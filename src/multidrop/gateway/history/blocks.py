@@ -26,7 +26,7 @@ from math import isnan
 from types import NoneType
 from typing import Any
 
-from multidrop.gateway.history.records import EXACT, GOOD, Kept, whole
+from multidrop.gateway.history.records import EXACT, Kept, whole
 
 VERSION = 1
 HEAD = struct.Struct("<BccBI")
@@ -92,7 +92,8 @@ def _pack_values(values: Sequence[Kept]) -> tuple[str, bytes]:
 def _unpack_values(packed: bytes, value_type: str, count: int) -> tuple[Sequence[Kept], bool]:
     if value_type == "j":
         return json.loads(packed), False
-    numbers, _ = _unplane(packed, value_type, count)
+    unplaned, _ = _unplane(packed, value_type, count)
+    numbers = unplaned.tolist()
     if value_type != "d":
         return numbers, True
     if isnan(sum(numbers)):  # there is a NaN among them, or both infinities
@@ -124,4 +125,4 @@ def _unplane(data: bytes, name: str, count: int) -> tuple[array[int], bytes]:
 
 def quiet(codes: Sequence[int] | None) -> bool:
     """Whether all of these are good."""
-    return codes is None or all(code == GOOD for code in codes)
+    return codes is None or not any(codes)  # GOOD is 0

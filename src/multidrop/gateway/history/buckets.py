@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.blocks import Chunk, quiet
@@ -15,16 +15,24 @@ from multidrop.gateway.history.records import GOOD, Bucket, Kept, Sample, whole
 from multidrop.io.poller import Quality
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """A stretch of samples that all are in one bucket. `minimum` None: no numbers among them."""
+class Contents(NamedTuple):
+    """What samples come to. `minimum` None: there are no numbers. `good`: how many have a value.
 
-    first: int
-    count: int
+    `gap`: some have none.
+    """
+
     minimum: int | float | None
     maximum: int | float | None
     last: Kept
+    good: int
     gap: bool
+
+
+class Summary(NamedTuple):
+    """A stretch of samples, from `first` (µs) on, that all are in one bucket."""
+
+    first: int
+    contents: Contents
 
 
 class Bucketing:
@@ -34,28 +42,15 @@ class Bucketing:
         self.start = start
         self.end = end
         self.width = max(1, -(-(end - start) // most))
-        self._found: dict[int, Bucket] = {}
+        self._found: dict[int, Contents] = {}
 
-    def add(self, piece: Chunk | Summary) -> None:
-        """The next samples, in the order in which they happened."""
-        if isinstance(piece, Summary):
-            self._merge(
-                (piece.first - self.start) // self.width,
-                piece.minimum,
-                piece.maximum,
-                piece.last,
-                piece.count,
-                piece.gap,
-            )
-            return
-        times = piece.times
-        at = bisect_left(times, self.start)
-        stop = bisect_left(times, self.end)
-        while at < stop:
-            number = (times[at] - self.start) // self.width
-            upto = bisect_left(times, self.start + (number + 1) * self.width, at, stop)
-            self._segment(number, piece, at, upto)
-            at = upto
+    def add(self, pieces: Iterable[Chunk | Summary]) -> None:
+        """The next samples, all of one span, in the order in which they happened."""
+        for piece in pieces:
+            if isinstance(piece, Summary):
+                self._merge((piece.first - self.start) // self.width, piece.contents)
+            else:
+                self._cut(piece)
 
     def before(self, sample: Sample | None) -> None:
         """What held when the range began, where nothing was in the first bucket."""
@@ -64,73 +59,75 @@ class Bucketing:
         good = sample.quality is Quality.GOOD and sample.value is not None
         value = sample.value if good else None
         number = value if isinstance(value, int | float) else None
-        self._found[0] = Bucket(self.start, number, number, value, 0, not good)
+        self._found[0] = Contents(number, number, value, 0, not good)
 
     def missing(self, gaps: Iterable[Gap]) -> None:
         """Where nothing was recorded at all."""
         for gap in gaps:
             if gap.start < self.end and gap.end >= self.start:
                 number = (max(gap.start, self.start) - self.start) // self.width
-                self._merge(number, None, None, None, 0, True)
+                self._merge(number, Contents(None, None, None, 0, True))
 
     def result(self) -> list[Bucket]:
         """By time; those with nothing in them are left out."""
-        return [self._found[number] for number in sorted(self._found)]
+        return [
+            Bucket(
+                self.start + number * self.width,
+                whole(minimum),
+                whole(maximum),
+                whole(last) if isinstance(last, float) else last,
+                count,
+                gap,
+            )
+            for number, (minimum, maximum, last, count, gap) in sorted(self._found.items())
+        ]
 
-    def _segment(self, number: int, chunk: Chunk, at: int, upto: int) -> None:
-        values: Sequence[Kept] = chunk.values[at:upto]
-        codes = None if chunk.codes is None else chunk.codes[at:upto]
-        self._merge(number, *summary_of(values, codes, plain=chunk.plain))
+    def _cut(self, chunk: Chunk) -> None:
+        """Into what is in each bucket."""
+        times, values = chunk.times, chunk.values
+        codes = None if quiet(chunk.codes) else chunk.codes
+        at = bisect_left(times, self.start)
+        stop = bisect_left(times, self.end)
+        while at < stop:
+            number = (times[at] - self.start) // self.width
+            upto = bisect_left(times, self.start + (number + 1) * self.width, at, stop)
+            some = None if codes is None else codes[at:upto]
+            self._merge(number, contents_of(values[at:upto], some, plain=chunk.plain))
+            at = upto
 
-    def _merge(
-        self,
-        number: int,
-        minimum: int | float | None,
-        maximum: int | float | None,
-        last: Kept,
-        count: int,
-        gap: bool,
-    ) -> None:
-        old = self._found.get(number)
-        if old is not None:
-            minimum = _one_of(min, old.minimum, minimum)
-            maximum = _one_of(max, old.maximum, maximum)
-            last = last if count else old.last
-            count += old.count
-            gap = gap or old.gap
-        time = self.start + number * self.width
-        self._found[number] = Bucket(time, minimum, maximum, last, count, gap)
+    def _merge(self, number: int, later: Contents) -> None:
+        earlier = self._found.get(number)
+        self._found[number] = later if earlier is None else _merged(earlier, later)
 
 
-def summary_of(
-    values: Sequence[Kept], codes: Sequence[int] | None, *, plain: bool
-) -> tuple[int | float | None, int | float | None, Kept, int, bool]:
-    """Minimum, maximum, last, count, and whether there are marks among them."""
+def contents_of(values: Sequence[Kept], codes: Sequence[int] | None, *, plain: bool) -> Contents:
+    """What these come to, at least one; `codes` and `plain` as in a `Chunk`."""
     if plain and quiet(codes):
-        return (
-            whole(min(values)),  # type: ignore[type-var, arg-type]
-            whole(max(values)),  # type: ignore[type-var, arg-type]
-            _tidy(values[-1]),
-            len(values),
-            False,
-        )
+        known: Any = values  # numbers, as `plain` says
+        return Contents(min(known), max(known), known[-1], len(known), False)
     good = [
         value
         for place, value in enumerate(values)
         if value is not None and (codes is None or codes[place] == GOOD)
     ]
     numbers = [value for value in good if isinstance(value, int | float)]
-    return (
-        whole(min(numbers, default=None)),
-        whole(max(numbers, default=None)),
-        _tidy(good[-1]) if good else None,
+    return Contents(
+        min(numbers, default=None),
+        max(numbers, default=None),
+        good[-1] if good else None,
         len(good),
         len(good) < len(values),
     )
 
 
-def _tidy(value: Kept) -> Kept:
-    return whole(value) if isinstance(value, float) else value
+def _merged(earlier: Contents, later: Contents) -> Contents:
+    return Contents(
+        _one_of(min, earlier.minimum, later.minimum),
+        _one_of(max, earlier.maximum, later.maximum),
+        later.last if later.good else earlier.last,
+        earlier.good + later.good,
+        earlier.gap or later.gap,
+    )
 
 
 def _one_of(

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 from multidrop.errors import PortError, UsageError
 from multidrop.gateway.durable import Durable
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.blocks import Chunk, decode, encode
-from multidrop.gateway.history.buckets import Summary, summary_of
+from multidrop.gateway.history.buckets import Contents, Summary, contents_of
 from multidrop.gateway.history.records import GOOD, Batch, Kept, Row, Span
 from multidrop.gateway.history.store import (
     FORGET_AT_ONCE,
@@ -203,7 +203,7 @@ class SqliteStore(Store):
         codes: Sequence[int],
     ) -> None:
         plain = set(map(type, values)) <= {int, float}
-        minimum, maximum, final, count, gap = summary_of(values, codes, plain=plain)
+        minimum, maximum, final, count, gap = contents_of(values, codes, plain=plain)
         self._writer.execute(
             "INSERT INTO blocks VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
             (
@@ -265,7 +265,7 @@ class SqliteStore(Store):
         )
         return [Gap(*row) for row in rows]
 
-    def _chunks(self, series: int, span: int, start: int, end: int) -> Iterator[Chunk]:
+    def _chunks(self, series: int, span: int, start: int, end: int) -> Generator[Chunk, None, None]:
         blocks = self._reader.execute(
             "SELECT first, data FROM blocks WHERE series = ? AND span = ? AND first < ? AND last >= ? "
             "ORDER BY first",
@@ -277,7 +277,7 @@ class SqliteStore(Store):
 
     def _pieces(
         self, series: int, span: int, start: int, end: int, width: int
-    ) -> Iterator[Chunk | Summary]:
+    ) -> Generator[Chunk | Summary, None, None]:
         blocks = self._reader.execute(
             "SELECT first, count, minimum, maximum, final, gap, "
             "CASE WHEN first < :start OR last >= :end OR (first - :start) / :width <> (last - :start) / :width "
@@ -287,7 +287,7 @@ class SqliteStore(Store):
         )
         for first, count, minimum, maximum, final, gap, data in blocks:
             if data is None:
-                yield Summary(first, count, minimum, maximum, final, bool(gap))
+                yield Summary(first, Contents(minimum, maximum, final, count, bool(gap)))
             else:
                 yield decode(first, data)
         yield from self._fresh_chunk(series, span, start, end)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import sqlite3
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,7 +16,16 @@ from multidrop.errors import UsageError
 from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history.blocks import Chunk
 from multidrop.gateway.history.buckets import Bucketing, Summary
-from multidrop.gateway.history.records import CLOCK, GOOD, QUALITIES, STOPPED, Batch, Bucket, Sample
+from multidrop.gateway.history.records import (
+    CLOCK,
+    GOOD,
+    QUALITIES,
+    STOPPED,
+    Batch,
+    Bucket,
+    Sample,
+    whole,
+)
 from multidrop.profile import nearest
 
 MOST_BUCKETS = 2000
@@ -109,13 +119,13 @@ class Store(ABC):
     def _losses(self, start: int, end: int) -> list[Gap]: ...
 
     @abstractmethod
-    def _chunks(self, series: int, span: int, start: int, end: int) -> Iterator[Chunk]:
+    def _chunks(self, series: int, span: int, start: int, end: int) -> Generator[Chunk, None, None]:
         """All chunks that have samples in `start` <= time < `end`, in order."""
 
     @abstractmethod
     def _pieces(
         self, series: int, span: int, start: int, end: int, width: int
-    ) -> Iterator[Chunk | Summary]:
+    ) -> Generator[Chunk | Summary, None, None]:
         """The same, with a summary where a chunk is within one of the buckets."""
 
     @abstractmethod
@@ -135,7 +145,7 @@ class Store(ABC):
                 return None
             key, chunk = found
             span = next(span for span in self._spans() if span.key == key)
-            return next(_samples(device, point, span, chunk))
+            return next(_samples(device, point, span, [chunk]))
         finally:
             self._done()
 
@@ -144,9 +154,9 @@ class Store(ABC):
         self._snapshot()
         try:
             series = self._known(device, point)
-            for span in self._overlapping(start, end):
-                for chunk in self._chunks(series, span.key, start, end):
-                    for sample in _samples(device, point, span, chunk):
+            for span in _overlapping(self._spans(), start, end):
+                with closing(self._chunks(series, span.key, start, end)) as chunks:
+                    for sample in _samples(device, point, span, chunks):
                         if start <= sample.time < end:
                             yield sample
         finally:
@@ -164,12 +174,14 @@ class Store(ABC):
         try:
             series = self._known(device, point)
             bucketing = Bucketing(start, end, most)
-            overlapping = self._overlapping(start, end)
+            spans = self._spans()
+            overlapping = _overlapping(spans, start, end)
             for span in overlapping:
-                for piece in self._pieces(series, span.key, start, end, bucketing.width):
-                    bucketing.add(piece)
+                pieces = self._pieces(series, span.key, start, end, bucketing.width)
+                with closing(pieces):  # else nothing else could be asked, if this went wrong
+                    bucketing.add(pieces)
             bucketing.before(self._carried(device, point, series, start, overlapping))
-            bucketing.missing(self._gaps(start, end))
+            bucketing.missing(self._gaps(spans, start, end))
             return bucketing.result()
         finally:
             self._done()
@@ -178,7 +190,7 @@ class Store(ABC):
         """Where nothing was recorded, or recorded samples were lost."""
         self._snapshot()
         try:
-            return self._gaps(start, end)
+            return self._gaps(self._spans(), start, end)
         finally:
             self._done()
 
@@ -192,9 +204,6 @@ class Store(ABC):
             raise UsageError(f"there is no history of {wanted}{nearest(wanted, known)}")
         return found
 
-    def _overlapping(self, start: int, end: int) -> list[StoredSpan]:
-        return [span for span in self._spans() if span.start < end and span.until >= start]
-
     def _carried(
         self, device: str, point: str, series: int, start: int, spans: Sequence[StoredSpan]
     ) -> Sample | None:
@@ -202,12 +211,11 @@ class Store(ABC):
             if span.start <= start:
                 found = self._newest(series, span.key, start)
                 if found is not None and found[1].times[0] >= start - CARRIED:
-                    return next(_samples(device, point, span, found[1]))
+                    return next(_samples(device, point, span, [found[1]]))
                 return None
         return None
 
-    def _gaps(self, start: int, end: int) -> list[Gap]:
-        spans = self._spans()
+    def _gaps(self, spans: Sequence[StoredSpan], start: int, end: int) -> list[Gap]:
         between = [
             Gap(
                 earlier.until,
@@ -221,15 +229,22 @@ class Store(ABC):
         return sorted([*within, *self._losses(start, end)], key=lambda gap: gap.start)
 
 
-def _samples(device: str, point: str, span: StoredSpan, chunk: Chunk) -> Iterator[Sample]:
-    codes = chunk.codes or bytes([GOOD]) * len(chunk.times)
-    for time, value, code in zip(chunk.times, chunk.values, codes, strict=True):
-        yield Sample(
-            device,
-            point,
-            time,
-            (time - span.shift) / 1e6,
-            span.synchronised,
-            int(value) if isinstance(value, float) and value.is_integer() else value,
-            QUALITIES[code],
-        )
+def _overlapping(spans: Sequence[StoredSpan], start: int, end: int) -> list[StoredSpan]:
+    return [span for span in spans if span.start < end and span.until >= start]
+
+
+def _samples(
+    device: str, point: str, span: StoredSpan, chunks: Iterable[Chunk]
+) -> Iterator[Sample]:
+    for chunk in chunks:
+        codes = chunk.codes or bytes([GOOD]) * len(chunk.times)
+        for time, value, code in zip(chunk.times, chunk.values, codes, strict=True):
+            yield Sample(
+                device,
+                point,
+                time,
+                (time - span.shift) / 1e6,
+                span.synchronised,
+                whole(value) if isinstance(value, float) else value,
+                QUALITIES[code],
+            )

@@ -67,6 +67,7 @@ SCHEMAS: dict[str, Schema] = {
         every=NUMBER,
         names={"type": "object", "additionalProperties": TEXT},
         bits=listed(TEXT),
+        hexadecimal=YES_NO,
         write={"anyOf": [ref("Limits"), {"type": "null"}]},
     ),
     "Limits": fields(min=NUMBER, max=NUMBER, rate=NUMBER, motion=YES_NO),

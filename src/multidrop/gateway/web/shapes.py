@@ -126,6 +126,7 @@ def point(found: PlantDevice, name: str, every: float, known: Point) -> dict[str
         "every": every,
         "names": dict(description.names) if description else {},
         "bits": list(description.bits) if description else [],
+        "hexadecimal": description is not None and description.hexadecimal,
         "write": write,
     }
 

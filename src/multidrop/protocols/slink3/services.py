@@ -57,7 +57,7 @@ def _drive_status(master: Master) -> Conversation[Frame, Report]:
             f"fault bit          {'FAULT' if word.fault else 'no fault'}",
             f"malfunction code   {malfunction.code:04X}h{family}",
             f"status word        {word.word:04X}h",
-            *(f"                   bit {bit}" for bit in word.bits),
+            *(f"                   {bit}" for bit in word.bits),
         ),
     )
 

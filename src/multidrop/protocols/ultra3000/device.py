@@ -10,14 +10,12 @@ from multidrop.device import Copy, Memory, OneByOne, Report, Sizes, Write
 from multidrop.errors import (
     DeviceError,
     Error,
-    NoReply,
     OutcomeUnknown,
-    ProtocolError,
     UsageError,
 )
 from multidrop.numerals import is_digits, whole_number
 from multidrop.points import Point, Role, Sample, Value, shown_value
-from multidrop.profile import Profile
+from multidrop.profile import Profile, nearest
 from multidrop.protocols.ultra3000 import memory, services
 from multidrop.protocols.ultra3000.frame import Frame
 from multidrop.protocols.ultra3000.master import Master
@@ -70,7 +68,7 @@ class Ultra3000Device(OneByOne):
 
     def sample(self, point: ParameterPoint) -> Conversation[Frame, Sample]:
         """Read a point, also one that the profile calls write-only: the drive decides."""
-        return self.master.read_as(point.sample, point.parameter, point.element, point.view.read)
+        return memory.sample(self.master, point)
 
     # -- writing ---------------------------------------------------------------------------
 
@@ -101,7 +99,7 @@ class Ultra3000Device(OneByOne):
         """An action has no value to read before or after."""
         record = Written(point, "", Outcome.UNVERIFIED)
         try:
-            yield from self.act(point.parameter, str(point))
+            yield from services.act(self.master, point.parameter, str(point))
         except DeviceError as refusal:
             return replace(record, outcome=Outcome.NOT_APPLIED, error=refusal)
         except OutcomeUnknown as unknown:
@@ -213,20 +211,10 @@ class Ultra3000Device(OneByOne):
         return services.running(self.master)
 
     def clear_faults(self) -> Conversation[Frame, Report]:
-        return services.clear_faults(self)
+        return services.clear_faults(self.master)
 
     def reset_comm(self) -> Conversation[Frame, Report]:
-        return services.reset_comm(self)
-
-    def act(self, parameter: int, name: str) -> Conversation[Frame, None]:
-        """An action, once. Raises `OutcomeUnknown` where it went out and was not answered."""
-        yield from self.master.learn_echo()
-        try:
-            yield from self.master.act(parameter)
-        except (NoReply, ProtocolError) as failure:
-            raise OutcomeUnknown(
-                f"{name} was sent and was not answered ({failure}); look at the drive", step=name
-            ) from failure
+        return services.reset_comm(self.master)
 
     @property
     def actions(self) -> Mapping[str, str]:
@@ -239,12 +227,17 @@ class Ultra3000Device(OneByOne):
 
     def prepare_action(self, name: str) -> Callable[[], Conversation[Frame, Report]]:
         """One of `actions`, by name. Raises `UsageError` with the nearest."""
+        known = self.actions
+        if name not in known and name not in self.profile.points and not name.startswith("0x"):
+            raise UsageError(
+                f"there is no action {name!r}{nearest(name, known)}; actions are {', '.join(known)}"
+            )
         point = self.point(name)
         if point.kind is not ACTION:
-            raise UsageError(f"{point} is no action; actions are {', '.join(self.actions)}")
+            raise UsageError(f"{point} is no action; actions are {', '.join(known)}")
 
         def converse() -> Conversation[Frame, Report]:
-            yield from self.act(point.parameter, str(point))
+            yield from services.act(self.master, point.parameter, str(point))
             return Report({"action": point.name}, (f"{point.name}: the drive took it",))
 
         return converse
@@ -259,7 +252,7 @@ class Ultra3000Device(OneByOne):
         return memory.prepare_copy(self.profile, text, save, force)
 
     def copy(self, copy: Copy, *, verify: bool = True) -> Conversation[Frame, list[Written]]:
-        return memory.copy(self, copy, verify)
+        return memory.copy(self.master, copy, verify)
 
     def comparable(self) -> list[Point]:
         """Every point of the profile that has a non-volatile value, arrays element by element."""
@@ -267,7 +260,7 @@ class Ultra3000Device(OneByOne):
 
     def compare(self, point: Point) -> Conversation[Frame, Memory]:
         assert isinstance(point, ParameterPoint)
-        return memory.compare(self, point)
+        return memory.compare(self.master, point)
 
 
 def _physical(point: ParameterPoint, value: Value | str) -> Value:

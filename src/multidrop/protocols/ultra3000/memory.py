@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from multidrop.conversation import Conversation
 from multidrop.device import Copy, Memory
@@ -19,12 +18,10 @@ from multidrop.errors import (
 from multidrop.points import Sample, shown_value
 from multidrop.profile import Profile
 from multidrop.protocols.ultra3000.frame import Frame
+from multidrop.protocols.ultra3000.master import Master
 from multidrop.protocols.ultra3000.messages import Function
 from multidrop.protocols.ultra3000.points import ParameterPoint, View, parse_point
 from multidrop.writing import Outcome, Written
-
-if TYPE_CHECKING:
-    from multidrop.protocols.ultra3000.device import Ultra3000Device
 
 
 def points_offering(profile: Profile, function: Function) -> Iterator[ParameterPoint]:
@@ -42,6 +39,11 @@ def elements(point: ParameterPoint) -> Iterator[ParameterPoint]:
         return
     for element in range(point.elements):
         yield point.of(point.view, element)
+
+
+def sample(master: Master, point: ParameterPoint) -> Conversation[Frame, Sample]:
+    """Read one value, also of a point that the profile calls write-only: the drive decides."""
+    return master.read_as(point.sample, point.parameter, point.element, point.view.read)
 
 
 def prepare_copy(profile: Profile, text: str, save: bool, force: bool) -> Copy:
@@ -64,19 +66,19 @@ def _function(save: bool) -> Function:
     return Function.COPY_NON_VOLATILE_TO_WORKING
 
 
-def copy(device: Ultra3000Device, copy: Copy, verify: bool) -> Conversation[Frame, list[Written]]:
+def copy(master: Master, copy: Copy, verify: bool) -> Conversation[Frame, list[Written]]:
     """Read both values, copy once, read back. Raises `NoReply` where nothing was sent."""
     assert isinstance(copy.point, ParameterPoint)
-    yield from device.master.learn_echo()
+    yield from master.learn_echo()
     wanted, records = [], []
     for point in copy.points:
         assert isinstance(point, ParameterPoint)
-        source = yield from device.sample(point.of(View.WORKING if copy.save else View.NV))
-        old = yield from device.sample(point)
+        source = yield from sample(master, point.of(View.WORKING if copy.save else View.NV))
+        old = yield from sample(master, point)
         wanted.append(source)
         records.append(Written(point, point.physical(source.value), Outcome.UNVERIFIED, old))
     try:
-        yield from device.master.copy(copy.point.parameter, _function(copy.save))
+        yield from master.copy(copy.point.parameter, _function(copy.save))
     except DeviceError as refusal:
         return [replace(record, outcome=Outcome.NOT_APPLIED, error=refusal) for record in records]
     except (NoReply, ProtocolError) as failure:
@@ -89,17 +91,15 @@ def copy(device: Ultra3000Device, copy: Copy, verify: bool) -> Conversation[Fram
         return records
     found = []
     for record, source in zip(records, wanted, strict=True):
-        found.append((yield from _read_back(device, record, source)))
+        found.append((yield from _read_back(master, record, source)))
     return found
 
 
-def _read_back(
-    device: Ultra3000Device, record: Written, wanted: Sample
-) -> Conversation[Frame, Written]:
+def _read_back(master: Master, record: Written, wanted: Sample) -> Conversation[Frame, Written]:
     point = record.point
     assert isinstance(point, ParameterPoint)
     try:
-        found = yield from device.sample(point)
+        found = yield from sample(master, point)
     except (DeviceError, NoReply, ProtocolError) as failure:
         return record if record.error is not None else replace(record, error=failure)
     if found.value == wanted.value:
@@ -113,20 +113,18 @@ def _read_back(
     return replace(record, found=found, outcome=Outcome.DIFFERS, error=differs)
 
 
-def compare(device: Ultra3000Device, point: ParameterPoint) -> Conversation[Frame, Memory]:
+def compare(master: Master, point: ParameterPoint) -> Conversation[Frame, Memory]:
     """The working, non-volatile and default value of a point."""
     found = []
     for view in (View.WORKING, View.NV, View.DEFAULT):
-        found.append((yield from _sample_or_none(device, point.of(view))))
+        found.append((yield from _sample_or_none(master, point.of(view))))
     return Memory(point, *found)
 
 
-def _sample_or_none(
-    device: Ultra3000Device, point: ParameterPoint
-) -> Conversation[Frame, Sample | None]:
+def _sample_or_none(master: Master, point: ParameterPoint) -> Conversation[Frame, Sample | None]:
     if not point.offers(point.view.read):
         return None
     try:
-        return (yield from device.sample(point))
+        return (yield from sample(master, point))
     except DeviceError:
         return None

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from multidrop.conversation import Ask, Conversation
 from multidrop.device import Report
-from multidrop.errors import Error, NoReply, NotApplied, OutcomeUnknown, UsageError
+from multidrop.errors import Error, NoReply, NotApplied, OutcomeUnknown, ProtocolError, UsageError
 from multidrop.protocols.ultra3000 import status as named
 from multidrop.protocols.ultra3000.frame import REFUSED, Frame
 from multidrop.protocols.ultra3000.master import Master
@@ -23,9 +23,6 @@ from multidrop.protocols.ultra3000.messages import (
     function_name,
     refusal_meaning,
 )
-
-if TYPE_CHECKING:
-    from multidrop.protocols.ultra3000.device import Ultra3000Device
 
 
 def status(master: Master) -> Conversation[Frame, Report]:
@@ -68,12 +65,23 @@ def running(master: Master) -> Conversation[Frame, str | None]:
     return "enabled" if drive & named.ENABLED else None
 
 
-def clear_faults(device: Ultra3000Device) -> Conversation[Frame, Report]:
-    """Reset faults (06F), then read what is still there (074, and the code of 075)."""
-    yield from device.act(RESET_FAULTS, "reset faults")
+def act(master: Master, parameter: int, name: str) -> Conversation[Frame, None]:
+    """An action, once. Raises `OutcomeUnknown` where it went out and was not answered."""
+    yield from master.learn_echo()
     try:
-        word = yield from device.master.read_number(FAULT_STATUS, 8)
-        run = yield from device.master.read_number(RUN_STATUS, 2)
+        yield from master.act(parameter)
+    except (NoReply, ProtocolError) as failure:
+        raise OutcomeUnknown(
+            f"{name} was sent and was not answered ({failure}); look at the drive", step=name
+        ) from failure
+
+
+def clear_faults(master: Master) -> Conversation[Frame, Report]:
+    """Reset faults (06F), then read what is still there (074, and the code of 075)."""
+    yield from act(master, RESET_FAULTS, "reset faults")
+    try:
+        word = yield from master.read_number(FAULT_STATUS, 8)
+        run = yield from master.read_number(RUN_STATUS, 2)
     except Error as failure:
         raise OutcomeUnknown(
             f"the faults were reset, and whether one is still there cannot be read ({failure})",
@@ -90,9 +98,9 @@ def clear_faults(device: Ultra3000Device) -> Conversation[Frame, Report]:
     return Report({"cleared": True, "state": state}, (f"no fault is left: {state}",))
 
 
-def reset_comm(device: Ultra3000Device) -> Conversation[Frame, Report]:
+def reset_comm(master: Master) -> Conversation[Frame, Report]:
     """Reset serial port (10A): a new address, baud rate or format acts from here on."""
-    yield from device.act(RESET_SERIAL_PORT, "reset serial port")
+    yield from act(master, RESET_SERIAL_PORT, "reset serial port")
     return Report(
         {"reset": True},
         (

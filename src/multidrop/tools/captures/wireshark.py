@@ -81,10 +81,10 @@ def install(where: Folders) -> None:
     """Write both files. Raises `UsageError` where a file there is somebody else's, or cannot be."""
     dissector, extcap = where.files
     contents = {dissector: DISSECTOR.read_text(encoding="utf-8"), extcap: extcap_script()}
-    for path in contents:
-        if path.exists() and OURS not in path.read_text(encoding="utf-8", errors="replace"):
-            raise UsageError(f"{path} is there and not of multidrop; it was left as it is")
     try:
+        for path in contents:
+            if path.exists() and OURS not in path.read_text(encoding="utf-8", errors="replace"):
+                raise UsageError(f"{path} is there and not of multidrop; it was left as it is")
         for path, text in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")

@@ -62,60 +62,72 @@ def _garbage(case: Case) -> Iterator[Verdict]:
     data = b"".join(piece.data for piece in visit.heard)
     if len(data) <= GLITCH or any(each.understood for each in case.visits):
         return
-    settings = f"{visit.settings.baud} {visit.settings.format}"
-    found = examine(visit.heard, visit.protocol, visit.settings)
-    marked = f", {found.marked} of them with framing or parity errors" if found.marked else ""
-    proof = (f"{data[:MOST_SHOWN].hex(' ').upper()}{' ...' if len(data) > MOST_SHOWN else ''}",)
-    text = f"somebody speaks, and {len(data)} bytes{marked} make no sense at {settings}"
-    fixed = visit.port.startswith(FIXED)
-    where = "in the device server " if fixed else ""
     if case.elsewhere is not None:
-        other = case.elsewhere
-        setting = f"{other.settings.baud} {other.settings.format}"
-        frames = examine(other.heard, other.protocol, other.settings).frames[:3]
-        yield Verdict(
-            What.SETTINGS,
-            Sure.CERTAIN,
-            f"the line is at {setting} ({other.protocol.name}), and was listened to at {settings}",
-            (
-                f"at {settings}: {proof[0]}",
-                *(
-                    f"at {setting}: {other.protocol.shown(item.raw)}  | {other.protocol.describe(item.frame)}"
-                    for item in frames
-                ),
-            ),
-            (f"use baud={other.settings.baud} and format={other.settings.format}",),
-        )
-        return
-    best = case.likely[0] if case.likely and case.likely[0].likeness >= ALIKE else None
-    if best is None:
+        yield _understood_elsewhere(visit, data, case.elsewhere)
+    elif case.likely and case.likely[0].likeness >= ALIKE:
+        yield _alike(visit, data, case.likely[0])
+    else:
         yield Verdict(
             What.SETTINGS,
             Sure.POSSIBLE,
-            f"{text}: another baud rate, another format, A and B swapped, or noise",
-            (*proof, _pattern(data)),
+            f"{_senseless(visit, data)}: another baud rate, another format, A and B swapped, or noise",
+            (_shown(data), _pattern(data)),
             (advice_on_settings(visit.port), WIRING),
         )
-        return
-    same = best.inverted and (best.setting.baud, best.setting.format) == (
-        visit.settings.baud,
-        visit.settings.format,
+
+
+def _understood_elsewhere(visit: Evidence, data: bytes, other: Evidence) -> Verdict:
+    """The line was listened to again at another setting, and makes sense there."""
+    here, there = _setting(visit), _setting(other)
+    frames = examine(other.heard, other.protocol, other.settings).frames[:3]
+    shown, describe = other.protocol.shown, other.protocol.describe
+    return Verdict(
+        What.SETTINGS,
+        Sure.CERTAIN,
+        f"the line is at {there} ({other.protocol.name}), and was listened to at {here}",
+        (
+            f"at {here}: {_shown(data)}",
+            *(f"at {there}: {shown(item.raw)}  | {describe(item.frame)}" for item in frames),
+        ),
+        (f"use baud={other.settings.baud} and format={other.settings.format}",),
     )
-    yield Verdict(
+
+
+def _alike(visit: Evidence, data: bytes, best: Candidate) -> Verdict:
+    """What came is what a receiver here would make of a master at another setting, or of swapped wires."""
+    baud, form = best.setting.baud, best.setting.format
+    same = best.inverted and (baud, form) == (visit.settings.baud, visit.settings.format)
+    fixed = visit.port.startswith(FIXED)
+    advice = []
+    if best.inverted:
+        advice.append("swap A and B, which harms nothing")
+    if not same:
+        advice.append(
+            f"set {'in the device server ' if fixed else ''}baud={baud} and format={form}"
+        )
+    if not fixed:
+        advice.append(advice_on_settings(visit.port))
+    return Verdict(
         What.SETTINGS,
         Sure.LIKELY,
-        f"{text}; they look like {'A and B swapped' if same else str(best)}",
-        (*proof, f"likeness {best.likeness:.0%}", _pattern(data)),
-        (
-            *(("swap A and B, which harms nothing",) if best.inverted else ()),
-            *(
-                ()
-                if same
-                else (f"set {where}baud={best.setting.baud} and format={best.setting.format}",)
-            ),
-            *(() if fixed else (advice_on_settings(visit.port),)),
-        ),
+        f"{_senseless(visit, data)}; they look like {'A and B swapped' if same else str(best)}",
+        (_shown(data), f"likeness {best.likeness:.0%}", _pattern(data)),
+        tuple(advice),
     )
+
+
+def _senseless(visit: Evidence, data: bytes) -> str:
+    found = examine(visit.heard, visit.protocol, visit.settings)
+    marked = f", {found.marked} of them with framing or parity errors" if found.marked else ""
+    return f"somebody speaks, and {len(data)} bytes{marked} make no sense at {_setting(visit)}"
+
+
+def _setting(visit: Evidence) -> str:
+    return f"{visit.settings.baud} {visit.settings.format}"
+
+
+def _shown(data: bytes) -> str:
+    return f"{data[:MOST_SHOWN].hex(' ').upper()}{' ...' if len(data) > MOST_SHOWN else ''}"
 
 
 def _pattern(data: bytes) -> str:

@@ -111,16 +111,7 @@ class _Traffic:
             )
 
     def damage(self) -> Iterator[Verdict]:
-        found, masters = self.found, self._masters()
-        asked, spoiled = Counter(item.frame.address for item in masters), Counter[int]()
-        for item in found.broken:
-            before = [master for master in masters if master.start < item.start]
-            if before:
-                spoiled[before[-1].frame.address] += 1
-        shown = tuple(
-            f"{self.evidence.protocol.shown(item.raw[:32])}  | {item.reason}"
-            for item in found.broken[:MOST_PROOF]
-        )
+        found = self.found
         if other_format(found):
             yield Verdict(
                 What.SETTINGS,
@@ -136,9 +127,19 @@ class _Traffic:
                 Sure.CERTAIN,
                 f"{found.marked} of {found.size} bytes came with a parity or framing error "
                 f"({found.marked / found.size:.1%})",
-                shown,
+                self._broken(),
                 ("every byte: another format; a few: a bad line", TERMINATION),
             )
+        yield from self._spoiled()
+
+    def _spoiled(self) -> Iterator[Verdict]:
+        """Bytes that are no frame, and whom they followed."""
+        masters = self._masters()
+        asked, spoiled = Counter(item.frame.address for item in masters), Counter[int]()
+        for item in self.found.broken:
+            before = [master for master in masters if master.start < item.start]
+            if before:
+                spoiled[before[-1].frame.address] += 1
         if spoiled:
             rates = tuple(
                 f"after questions to {address}: {count} of {asked[address]} damaged "
@@ -149,9 +150,16 @@ class _Traffic:
                 What.CHECKSUMS,
                 Sure.CERTAIN,
                 f"some bytes are no frame: {'; '.join(rates[:3])}",
-                (*rates, *shown),
+                (*rates, *self._broken()),
                 (TERMINATION, WIRING),
             )
+
+    def _broken(self) -> tuple[str, ...]:
+        """The first of the damage, as proof."""
+        return tuple(
+            f"{self.evidence.protocol.shown(item.raw[:32])}  | {item.reason}"
+            for item in self.found.broken[:MOST_PROOF]
+        )
 
     def gaps(self) -> Iterator[Verdict]:
         evidence = self.evidence

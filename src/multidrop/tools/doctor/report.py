@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import platform
+import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from multidrop.tools.doctor.doctor import Case
 from multidrop.tools.doctor.evidence import Asked, Evidence, Piece
 from multidrop.tools.doctor.verdicts import Verdict
+
+HEAD = re.compile(rb"multidrop \S+ doctor, ").match
 
 
 def lines_of(verdict: Verdict) -> Iterator[str]:
@@ -16,6 +20,12 @@ def lines_of(verdict: Verdict) -> Iterator[str]:
     yield f"{verdict.text}{sure}"
     yield from (f"    {line}" for line in verdict.proof)
     yield from (f"  - {line}" for line in verdict.advice)
+
+
+def is_report(path: Path) -> bool:
+    """Whether a file begins as a report does. Raises `OSError`."""
+    with path.open("rb") as file:
+        return HEAD(file.readline(100)) is not None
 
 
 def report(case: Case, verdicts: Iterable[Verdict], version: str, written: str) -> str:

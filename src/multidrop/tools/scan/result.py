@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -109,7 +110,9 @@ class StateFile:
         os.replace(new, self.path)
 
     def remove(self) -> None:
-        self.path.unlink(missing_ok=True)
+        """The scan is over. A file that stays is begun anew the next time, and said so."""
+        with contextlib.suppress(OSError):
+            self.path.unlink()
 
 
 def default_path(port: str) -> Path:

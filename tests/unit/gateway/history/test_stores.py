@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from multidrop.gateway.gaps import Gap
 from multidrop.gateway.history import sqlite as history_sqlite
 from multidrop.gateway.history import store
 from multidrop.gateway.history.batching import Batching
+from multidrop.gateway.history.buckets import Bucketing
 from multidrop.gateway.history.records import Bucket, Sample
 from multidrop.gateway.history.store import KILLED, NOT_RUNNING
 from multidrop.io.poller import Quality
@@ -30,7 +33,7 @@ def kept(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[KeptStore]:
 def sealed(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
     """Whether samples go into blocks, of at most three, at once."""
     if request.param:
-        from multidrop.gateway.history import postgres as history_postgres
+        from multidrop.gateway.history import postgres_sending as history_postgres
 
         for module in (store, history_sqlite, history_postgres):
             monkeypatch.setattr(module, "SEAL_ALL", 1)
@@ -69,6 +72,42 @@ def test_a_range_begins_with_its_start_and_ends_before_its_end(kept: KeptStore) 
     kept.write(batches(ALL_KINDS))
     found = list(kept.store.range("infeed", "speed", START + 4 * SECOND, START + 9 * SECOND))
     assert found == ALL_KINDS[4:9]
+
+
+@pytest.mark.usefixtures("sealed")
+def test_numbers_come_back_as_what_they_were(kept: KeptStore) -> None:
+    values = [1e300, -1e300, float(2**53 + 2), 2**53, 0.5, 3]
+    kept.write(batches([sample(second, value) for second, value in enumerate(values)]))
+    found = [one.value for one in kept.store.range("infeed", "speed", START, END)]
+    assert list(map(repr, found)) == list(map(repr, values))
+
+
+@pytest.mark.usefixtures("sealed")
+def test_who_reads_no_further_is_in_nobodys_way(kept: KeptStore) -> None:
+    kept.write(batches([sample(second, second) for second in range(500)]))
+    for count in (1, 200):
+        with closing(kept.store.range("infeed", "speed", START, END)) as samples:
+            assert [one.value for one in islice(samples, count)] == list(range(count))
+        latest = kept.store.latest("infeed", "speed")
+        assert latest is not None
+        assert latest.value == 499
+
+
+@pytest.mark.usefixtures("sealed")
+def test_a_question_that_goes_wrong_is_in_nobodys_way(
+    kept: KeptStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def add(_: object, pieces: Iterator[object]) -> None:
+        next(pieces)
+        raise MemoryError
+
+    kept.write(batches([sample(second, second) for second in range(500)]))
+    with monkeypatch.context() as patched:
+        patched.setattr(Bucketing, "add", add)
+        with pytest.raises(MemoryError):
+            kept.store.buckets("infeed", "speed", START, END)
+    (bucket,) = kept.store.buckets("infeed", "speed", START, END, 1)
+    assert bucket.count == 500
 
 
 @pytest.mark.usefixtures("sealed")
@@ -243,7 +282,7 @@ def test_buckets_are_the_same_however_samples_are_stored(
         plain = other.store.buckets("infeed", "speed", START, START + 300 * SECOND, size)
     monkeypatch.setattr(history_sqlite, "SEAL_ONE", 50)
     if kept.kind == "postgres":
-        from multidrop.gateway.history import postgres as history_postgres
+        from multidrop.gateway.history import postgres_sending as history_postgres
 
         monkeypatch.setattr(history_postgres, "SEAL_ONE", 50)
     kept.write(batches(samples))

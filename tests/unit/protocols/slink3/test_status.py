@@ -6,6 +6,7 @@ from collections import Counter
 
 import pytest
 
+from multidrop.catalog import load_profile
 from multidrop.protocols.slink3 import State
 from multidrop.protocols.slink3.status import BITS, bits_set, malfunction_family, state
 
@@ -71,3 +72,10 @@ def test_every_bit_has_a_name() -> None:
 )
 def test_families_of_malfunction_codes(code: int, family: str | None) -> None:
     assert malfunction_family(code) == family
+
+
+def test_the_profile_names_the_same_bits() -> None:
+    named = dict(enumerate(load_profile("flexmax").points["status_word"].bits))
+    for bit, name in enumerate(BITS):
+        free = name.startswith(("reserved", "free"))
+        assert named.get(bit, "") == ("" if free else name)

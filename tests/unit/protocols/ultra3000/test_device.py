@@ -19,6 +19,7 @@ from multidrop.errors import (
 from multidrop.points import Value
 from multidrop.profile import Profile
 from multidrop.protocols.ultra3000.device import Ultra3000Device, device
+from multidrop.protocols.ultra3000.services import act
 from multidrop.writing import Outcome, Written
 from unit.protocols.ultra3000.wire import Wire
 
@@ -151,7 +152,7 @@ def test_what_is_sent(point: str, value: Value, body: str) -> None:
 @pytest.mark.parametrize(
     ("point", "value", "message"),
     [
-        ("kp", "32", r"32.0 is out of range for kp: 0..31.9922"),
+        ("kp", "32", r"32 is out of range for kp: 0..31.9922"),
         ("override_mode", 10, "10 is out of range for override_mode: 0..9"),
         ("override_mode", "fast", "'fast' is not a whole number"),
         ("motor_poles", 3, "multiples of 2"),
@@ -313,15 +314,12 @@ def test_actions_by_name() -> None:
     assert wire.sent == ["0CD1"]
     with pytest.raises(UsageError, match=r"kp .* is no action; actions are factory_reset, "):
         DRIVE.prepare_action("kp")
-    with pytest.raises(UsageError, match="did you mean 'start_homing'"):
+    with pytest.raises(UsageError, match="no action 'start_homin' - did you mean 'start_homing'"):
         DRIVE.prepare_action("start_homin")
 
 
 def test_an_action_that_is_answered_wrongly_is_unknown() -> None:
-    class Odd(Ultra3000Device):
-        pass
-
-    odd = Odd(0, PROFILE)
+    odd = Ultra3000Device(0, PROFILE)
 
     def breaks(parameter: int) -> Any:
         raise ProtocolError("it breaks")
@@ -329,7 +327,7 @@ def test_an_action_that_is_answered_wrongly_is_unknown() -> None:
 
     odd.master.act = breaks  # type: ignore[method-assign]
     with pytest.raises(OutcomeUnknown, match="home was sent and was not answered"):
-        Wire().run(odd.act(0x071, "home"))
+        Wire().run(act(odd.master, 0x071, "home"))
 
 
 # -- options -----------------------------------------------------------------------------------

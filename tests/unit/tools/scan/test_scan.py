@@ -149,9 +149,10 @@ def test_everything_is_found_with_nothing_but_reads(
     assert bench.opened == ["9600 8E1", "38400 8N1"]
     asked = bench.frames()
     assert {name for name, _ in asked} == set(READS)
+    profiles = {name: load_profile(name) for name in READS}
     for name, frame in asked:
         assert READS[name](frame), (name, frame)
-        kind = PROTOCOLS[name].explain([frame], load_profile(name)).kind
+        kind = PROTOCOLS[name].explain([frame], profiles[name]).kind
         assert kind in (Kind.READ, Kind.STATUS), (name, frame)
 
 

@@ -24,6 +24,9 @@ export function mark(node, name, on) {
 
 const GROUPED = new Intl.NumberFormat("en", { maximumFractionDigits: 0, useGrouping: true });
 
+/** A code as manuals print it: 2310h. */
+export const hex = (code) => `${code.toString(16).toUpperCase().padStart(4, "0")}h`;
+
 /** A number with at most `decimals` digits behind the point, thousands set apart. */
 export function number(value, decimals = 4) {
   if (!Number.isFinite(value)) return "–";

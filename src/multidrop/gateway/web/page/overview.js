@@ -1,6 +1,6 @@
 // The plant at a glance: what goes wrong with records, lines with how full they are, devices with their first points.
 
-import { h, mark, number, percent, say, shown, sparkline } from "./dom.js";
+import { h, hex, mark, number, percent, say, shown, sparkline } from "./dom.js";
 import { key, state, store, trust } from "./store.js";
 import { troublesNode } from "./troubles.js";
 
@@ -16,8 +16,9 @@ export function valueNode() {
     node,
     draw(point, value, past) {
       const known = value?.value;
-      const named = value?.meaning && point.names && Object.keys(point.names).length > 0;
-      say(text, named ? "" : shown(known, past?.decimals ?? 3, point.unit));
+      const named = value?.meaning && Object.keys(point.names).length > 0;
+      const code = point.hexadecimal && Number.isInteger(known);
+      say(text, named ? "" : code ? hex(known) : shown(known, past?.decimals ?? 3, point.unit));
       say(unit, !named && known !== null && known !== undefined ? point.unit ?? "" : "");
       say(name, named ? value.meaning : "");
     },

@@ -2,12 +2,13 @@
 
 import { h, number, say } from "./dom.js";
 import { get, save } from "./link.js";
-import { now, store, trust } from "./store.js";
+import { key, now, store, trust } from "./store.js";
 
 const SPANS = [
   [300, "5 min"], [900, "15 min"], [3600, "1 h"], [8 * 3600, "8 h"], [86400, "1 d"], [7 * 86400, "7 d"], [30 * 86400, "30 d"],
 ];
 const MOST = 12; // points that can be told apart
+const FIRST = 4; // points of a device that it begins with
 const FRESH = 60; // s after which what was kept is asked for again
 const COLOURS = {
   light: ["#0a6c60", "#b4520a", "#2f5bb7", "#9a2b6e", "#5c7a12", "#7a4fc0", "#1590a8", "#8c6b00", "#c23b3b", "#3c6e47", "#5a5a5a", "#a85f9c"],
@@ -245,8 +246,19 @@ export function trendsView(query) {
     }
     charts = [...groups].map(([unit, group]) => chart(unit, group, places, (a, b) => choose(0, a, b)));
     area.replaceChildren(...charts.map((one) => one.node));
-    if (!names.length) area.append(h("p", { class: "empty" }, "No point is chosen. Add one above, or open a trend from a device."));
+    if (!names.length) area.append(beginning());
     fetchAll();
+  }
+  /** What is there to begin with: the first points of each device. */
+  function beginning() {
+    const devices = [...store.devices.values()].map((device) => h("button", {
+      type: "button",
+      onclick: () => {
+        names = device.points.slice(0, FIRST).map((point) => key(device.name, point.name));
+        rebuild();
+      },
+    }, device.name));
+    return h("div", { class: "empty" }, h("p", {}, "No point is chosen. Add one above, or begin with those of"), h("div", { class: "row" }, devices));
   }
   async function fetchAll() {
     loading?.abort();
