@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import re
-import shutil
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from programs import program
 from pymodbus.client import AsyncModbusTcpClient
 
 from integration.processes import PATIENCE
@@ -24,7 +23,6 @@ from multidrop.gateway.modbus.part import ModbusServer
 from multidrop.plantfile import parse_plant
 from multidrop.sim.slink3 import ax_v
 
-NEEDED = "MULTIDROP_NEEDS_MBPOLL"
 TABLES = '[modbus]\nlisten = "127.0.0.1:0"\nwrites = true\n'
 TORQUE, SPEED, TENSION, MISSING = 0, 1, 100, 102
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE, BUSY, NO_REPLY = 1, 2, 3, 4, 6, 11
@@ -449,25 +447,14 @@ def test_an_address_that_is_taken_ends_the_gateway(tmp_path: Path) -> None:
     run(tmp_path, check)
 
 
-def mbpoll() -> str:
-    """Where mbpoll is. Skips the test if it is nowhere, or fails it where it must be."""
-    found = shutil.which("mbpoll")
-    if found is None:
-        why = "mbpoll is not installed (make mbpoll)"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return found
-
-
 def test_mbpoll_reads_and_writes(tmp_path: Path) -> None:
-    program = mbpoll()
+    mbpoll = program("mbpoll", "make mbpoll")
 
     async def check(site: Published, server: ModbusServer) -> None:
         host, _, port = server.port.rpartition(":")
 
         async def poll(*arguments: str, values: tuple[str, ...] = ()) -> tuple[int, str]:
-            return await ran(program, "-0", "-1", "-p", port, *arguments, host, *values)
+            return await ran(mbpoll, "-0", "-1", "-p", port, *arguments, host, *values)
 
         status, out = await poll("-t", "4:float", "-B", "-r", str(TENSION))
         assert status == 0

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import sqlite3
+import sys
 import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,10 +15,11 @@ from typing import Any
 
 import aiomqtt
 
+from integration import impatient
 from integration.counting import CountingLine, counting, stop, wait_until
 from integration.gateways import Client as HttpClient
 from integration.mosquitto import Broker, broker
-from integration.processes import Running, running
+from integration.processes import Running
 from integration.proxy import Proxy
 from integration.test_gateway_mqtt import Watcher, watcher
 from multidrop.gateway.mqtt.broker import AT_ONCE, Client, publish_together
@@ -39,8 +41,11 @@ class Site:
 
     @contextmanager
     def gateway(self) -> Iterator[Running]:
-        with running("run", cwd=self.folder) as program:
+        program = Running(sys.executable, impatient.__file__, "run", cwd=self.folder)
+        try:
             yield program
+        finally:
+            program.end()
 
     def given(self) -> list[int]:
         return [len(line.given) for line in self.lines]
