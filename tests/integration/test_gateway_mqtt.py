@@ -22,11 +22,13 @@ from integration.processes import COMMAND, PATIENCE, Running
 from integration.published import DEVICES, Published, published, ran
 from integration.threads import simulated
 from integration.writes import logged
+from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt import broker as mqtt_broker
 from multidrop.gateway.mqtt import carrying_out
 from multidrop.gateway.mqtt import part as mqtt
 from multidrop.gateway.mqtt.part import Mqtt
+from multidrop.plantfile import parse_plant
 
 TORQUE = "multidrop/infeed/torque"
 SET = f"{TORQUE}/set"
@@ -210,6 +212,18 @@ def test_what_does_not_change_is_not_sent_again_until_it_is_old(tmp_path: Path) 
 
     dead = DEVICES.replace('unit = "Nm",', 'unit = "Nm", deadband = 2,')
     run(tmp_path, check, devices=dead)
+
+
+def test_a_point_that_is_another_after_a_reload_is_sent_again(tmp_path: Path) -> None:
+    """Though it has the same number: that means something else now."""
+
+    async def check(site: Published, mosquitto: Broker, watching: Watcher) -> None:
+        await watching.until(TORQUE, lambda state: state["value"] == 0)
+        other = site.text.replace('unit = "Nm"', 'unit = "%"').format(port=site.port)
+        await site.gateway.reload(parse_plant(other, site.file, load_profile))
+        await watching.until(TORQUE, lambda state: (state["value"], state["unit"]) == (0, "%"))
+
+    run(tmp_path, check)
 
 
 def test_names_with_signs_of_their_own(tmp_path: Path) -> None:
