@@ -223,7 +223,7 @@ def test_a_point_that_is_another_after_a_reload_is_sent_again(tmp_path: Path) ->
         await site.gateway.reload(parse_plant(other, site.file, load_profile))
         await watching.until(TORQUE, lambda state: (state["value"], state["unit"]) == (0, "%"))
 
-    run(tmp_path, check)
+    run(tmp_path, check, 'outbox = "outbox.db"')
 
 
 def test_names_with_signs_of_their_own(tmp_path: Path) -> None:
