@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import signal
 import sqlite3
 import sys
 import time
@@ -34,6 +35,7 @@ class Site:
         self, folder: Path, mosquitto: Broker, lines: list[CountingLine], port: int, more: str
     ) -> None:
         self.folder, self.mosquitto, self.lines = folder, mosquitto, lines
+        self.program: Running | None = None
         mqtt = f'[mqtt]\nhost = "127.0.0.1"\nport = {port}\noutbox = "mqtt-outbox.db"\n{more}\n'
         http = '[http]\nlisten = "127.0.0.1:0"\n'
         text = "".join(line.toml for line in lines) + mqtt + http
@@ -41,7 +43,7 @@ class Site:
 
     @contextmanager
     def gateway(self) -> Iterator[Running]:
-        program = Running(sys.executable, impatient.__file__, "run", cwd=self.folder)
+        program = self.program = Running(sys.executable, impatient.__file__, "run", cwd=self.folder)
         try:
             yield program
         finally:
@@ -97,11 +99,24 @@ def records(watching: Watcher, topic: str) -> list[tuple[int, int]]:
     return [tuple(one["record"]) for one in payloads if "record" in one]
 
 
+@contextmanager
+def standing_still(program: Running) -> Iterator[None]:
+    """So that who listens is there before the gateway is."""
+    program.process.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        program.process.send_signal(signal.SIGCONT)
+
+
 @contextlib.asynccontextmanager
 async def back(place: Site) -> AsyncIterator[Watcher]:
     """A broker that is there again, and somebody who hears everything from then on."""
-    place.mosquitto.start()
-    async with watcher(place.mosquitto) as watching:
+    assert place.program is not None
+    async with contextlib.AsyncExitStack() as stack:
+        with standing_still(place.program):
+            place.mosquitto.start()
+            watching = await stack.enter_async_context(watcher(place.mosquitto))
         yield watching
 
 

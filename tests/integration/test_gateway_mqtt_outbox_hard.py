@@ -23,6 +23,7 @@ import pytest
 from integration.counting import CountingLine, counting, stop, wait_until
 from integration.gateways import Client as HttpClient
 from integration.mosquitto import Broker, found
+from integration.processes import Running
 from integration.proxy import Proxy, proxy_to
 from integration.test_campaigns_full import Disk, limited, small
 from integration.test_gateway_mqtt import Watcher, certificate, watcher
@@ -35,6 +36,7 @@ from integration.test_gateway_mqtt_outbox import (
     numbers,
     said,
     site,
+    standing_still,
     until_count,
 )
 from multidrop.gateway.mqtt.broker import AT_ONCE, Client
@@ -191,17 +193,13 @@ def test_a_broker_that_is_killed_again_and_again(tmp_path: Path) -> None:
     async def heard(place: Site) -> list[int]:
         found: list[int] = []
         for number in range(5):
-            async with watcher(place.mosquitto) as watching:
-                watching.messages.clear()
+            async with back(place) if number else watcher(place.mosquitto) as watching:
                 await watching.until(STATUS, online)
                 await until_count(watching, place.lines[0], len(place.lines[0].given) + 2 * number)
                 found += numbers(watching, place.lines[0])
-                if number < 4:
-                    kills.append(time.monotonic())
-                    await asyncio.to_thread(place.mosquitto.kill)
-            if number < 4:
-                await asyncio.to_thread(place.lines[0].wait_for_more, 5 * number)
-                await asyncio.to_thread(place.mosquitto.start)
+                kills.append(time.monotonic())
+                await asyncio.to_thread(place.mosquitto.kill)
+            await asyncio.to_thread(place.lines[0].wait_for_more, 5 * number)
         return found
 
     with site(tmp_path) as place, place.gateway() as program:
@@ -255,9 +253,11 @@ commands = true
             await client.subscribe("answers/#", qos=2)
             yield Watcher(client)
 
-    async def heard(place: Site, since: list[int]) -> None:
-        place.mosquitto.start()
-        async with listening(place.mosquitto) as watching:
+    async def heard(place: Site, program: Running, since: list[int]) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            with standing_still(program):
+                place.mosquitto.start()
+                watching = await stack.enter_async_context(listening(place.mosquitto))
             await watching.until(STATUS, online)
             for line in place.lines:
                 await until_count(watching, line, len(line.given) + 10)
@@ -277,7 +277,7 @@ commands = true
         since = place.given()
         away(program)
         place.lines[0].wait_for_more(40)
-        asyncio.run(heard(place, since))
+        asyncio.run(heard(place, program, since))
         stop(program)
         assert "secret" not in "".join([*program.out, *program.err])
 

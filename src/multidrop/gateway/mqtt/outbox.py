@@ -45,6 +45,9 @@ MOST_IN_MEMORY = 10_000
 WEIGH_EVERY = 10.0
 """s after which it is found out again how many bytes a state takes."""
 
+LOTS_AT_ONCE = 16
+"""Lots that are taken out of the outbox together: a disk that is asked for each alone keeps a quick broker waiting."""
+
 RECEIVED = 1
 """QoS of states: the broker confirms each."""
 
@@ -82,6 +85,8 @@ class Backlog:
         self._fresh: deque[State] = deque()
         self._lost: Gap | None = None
         self._flying: Lot | None = None
+        self._ahead: deque[Waiting] = deque()  # out of the outbox, to be sent next
+        self._confirmed_to = 0  # number of the last record that was confirmed
         self._behind = not outbox.delivered
         self._forgot = now()
         self._rate = Rate(now)
@@ -173,23 +178,34 @@ class Backlog:
                 self._lost = joined(lot.lost, self._lost)
             self.confirmed.clear()
             self.followed = 0
+            self._ahead.clear()
+            with contextlib.suppress(sqlite3.Error):  # then it comes again, with the same records
+                await self._on_disk(self._outbox.done, self._confirmed_to)
             await self._on_disk(self._outbox.put_back)
 
     async def _next(self) -> Lot | None:
         async with self._turn:
-            if self._behind:
-                waiting = await self._read(self._outbox.take)
-                if waiting:
-                    self._flying = self._unpacked(waiting[0])
-                    return self._flying
-                await self._forget()
-                self._behind = False
+            if self._behind and not self._ahead:
+                self._ahead.extend(await self._read(self._take))
+                if not self._ahead:
+                    await self._forget()
+                    self._behind = False
+                elif self._now() - self._forgot >= FORGET_EVERY:
+                    await self._forget()
+            if self._ahead:
+                self._flying = self._unpacked(self._ahead.popleft())
+                return self._flying
             if not self._fresh:
                 return None
             count = min(AT_ONCE, len(self._fresh))
             lot = Lot([self._fresh.popleft() for _ in range(count)], self._lost)
             self._lost, self._flying = None, lot
             return lot
+
+    def _take(self) -> list[Waiting]:
+        """In the thread of the disk. Until the next time nothing of it can be pushed out."""
+        self._outbox.done(self._confirmed_to)
+        return self._outbox.take(LOTS_AT_ONCE)
 
     def _unpacked(self, waiting: Waiting) -> Lot:
         try:
@@ -202,10 +218,8 @@ class Backlog:
     async def _done(self, lot: Lot) -> None:
         async with self._turn:
             if lot.number is not None:
-                await self._read(self._outbox.done, lot.number)
+                self._confirmed_to = max(self._confirmed_to, lot.number)
                 self.followed += len(lot.states)
-                if self._now() - self._forgot >= FORGET_EVERY:
-                    await self._forget()
             self._flying = None
             self.confirmed.update(state.topic for state in lot.states)
 
