@@ -6,8 +6,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-PURE := tests/vectors tests/dialogues tests/properties tests/unit/protocols $(wildcard tests/unit/test_*.py)
-WORLD := tests/integration tests/soak tests/test_architecture.py \
+COVERED := tests/vectors tests/dialogues tests/unit/protocols $(wildcard tests/unit/test_*.py)
+OTHERS := tests/integration tests/properties tests/soak tests/test_architecture.py \
     $(filter-out tests/unit/protocols,$(patsubst %/__init__.py,%,$(wildcard tests/unit/*/__init__.py)))
 
 # The tests start the program many hundred times: it is compiled once.
@@ -22,16 +22,17 @@ demo: .venv/gateway
 # them without -bb.)
 shared_by = --dist worksteal --tx '$(1)*popen//python=$(BIN)/python -bb'
 
-# The pure floors' own tests must reach every branch of them; the world's tests run side by side,
-# more of them than there are processors, since they wait most of their time.
+# The pure floors' own tests must reach every branch of them. The properties need not help, and being
+# measured would double their time. More of the others run at once than there are processors, since
+# they wait most of their time.
 test: check .venv/dev
 	@rm -f .coverage .coverage.*
-	$(BIN)/python -bb -m coverage run -m pytest $(call shared_by,2) $(PURE)
+	$(BIN)/python -bb -m coverage run -m pytest $(call shared_by,2) $(COVERED)
 	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report --fail-under=100 \
 	    --include='src/multidrop/*.py,src/multidrop/protocols/*' \
 	    --omit='src/multidrop/__*__.py,src/multidrop/catalog.py,src/multidrop/plantfile.py,src/multidrop/naming.py'
-	$(BIN)/python -bb -m pytest $(call shared_by,4) $(WORLD)
+	$(BIN)/python -bb -m pytest $(call shared_by,5) $(OTHERS)
 
 check: .venv/dev
 	$(BIN)/ruff check
@@ -58,7 +59,7 @@ chromium:
 
 # Properties with 100,000 generated cases each, and 10,000 transactions on every kind of faulty wire: hours.
 soak: .venv/dev
-	HYPOTHESIS_PROFILE=soak MULTIDROP_SOAK=1 nice $(BIN)/python -bb -m pytest -n 2 tests/properties tests/soak tests/unit
+	HYPOTHESIS_PROFILE=soak MULTIDROP_SOAK=1 nice $(BIN)/python -bb -m pytest $(call shared_by,2) tests/properties tests/soak tests/unit
 
 bench: .venv/bench
 	$(BIN)/python bench/run.py

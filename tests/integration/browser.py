@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import tempfile
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -81,12 +83,18 @@ class Browser:
 
 @contextlib.contextmanager
 def browser() -> Iterator[Browser]:
+    """What it leaves in its folder for temporary files goes with it."""
     options = webdriver.ChromeOptions()
     for argument in ARGUMENTS:
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(driver_path()))
-    try:
-        yield Browser(driver)
-    finally:
-        driver.quit()
+    path = driver_path()
+    with tempfile.TemporaryDirectory(
+        prefix="multidrop-browser-", ignore_cleanup_errors=True
+    ) as folder:
+        service = Service(path, env={**os.environ, "TMPDIR": folder})
+        driver = webdriver.Chrome(options=options, service=service)
+        try:
+            yield Browser(driver)
+        finally:
+            driver.quit()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
+import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,11 +70,17 @@ class Client:
     def ask(
         self, method: str, path: str, body: bytes | None = None, /, **headers: str | None
     ) -> Answer:
-        """Send a request; a header that is None is left out, `_` in its name is `-`."""
+        """Send a request; a header that is None is left out, `_` in its name is `-`.
+
+        Head and body leave together: a server that refuses the head, and closes, would meet the
+        body with a reset, which takes its answer along.
+        """
         connection = http.client.HTTPConnection(self.host, self.port, timeout=PATIENCE)
         given = {name.replace("_", "-").lower(): value for name, value in headers.items()}
         known: dict[str, str | None] = {"host": f"{self.host}:{self.port}", **given}
         with contextlib.closing(connection):
+            connection.connect()
+            connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, 1)
             connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
             for name, value in known.items():
                 if value is not None:
@@ -81,6 +88,7 @@ class Client:
             if body is not None and "content-length" not in known:
                 connection.putheader("content-length", str(len(body)))
             connection.endheaders(body)
+            connection.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_CORK, 0)
             found = connection.getresponse()
             read = found.read()
             return Answer(found.status, {k.lower(): v for k, v in found.getheaders()}, read)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import signal
-import statistics
 from pathlib import Path
 
 import pytest
@@ -58,11 +58,14 @@ def test_a_port_that_is_taken() -> None:
 
 
 def test_paced_to_the_baud_rate() -> None:
-    with simulator("ax-v:2", "--pace", "--delay", "5") as paced:
-        reading = multidrop("read", paced.device("ax-v:2"), *["1009"] * 9, "--json")
-    times = [line["ms"] for line in reading.objects]
-    assert min(times) >= 24 * 11 / 9.6 + 5
-    assert statistics.median(times) < 24 * 11 / 9.6 + 5 + 15
+    """No read is quicker than the line, and the quickest little slower: a busy machine only adds to it."""
+    least = 24 * 11 / 9.6 + 5
+    with (
+        simulator("ax-v:2", "--pace", "--delay", "5") as paced,
+        running("read", paced.device("ax-v:2"), "1009", "--every", "0", "--json") as reading,
+    ):
+        times = [json.loads(reading.wait_for('"ms"'))["ms"] for _ in range(9)]
+    assert least <= min(times) < least + 15
 
 
 def test_faults_on_demand_with_a_seed() -> None:

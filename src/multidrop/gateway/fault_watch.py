@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
-from multidrop.gateway.values import Update
+from multidrop.gateway.values import Key, Update
 
 
 class Change(StrEnum):
@@ -26,6 +27,16 @@ class FaultChange:
     update: Update
 
 
+class _Witness(NamedTuple):
+    """Who says whether there is a fault: the bit of the answers of what is there, or a word."""
+
+    kind: str
+    name: str
+
+
+BIT, WORD = "bit", "word"
+
+
 class FaultWatch:
     """Listens to `Values`, and tells its own listeners of every change.
 
@@ -35,7 +46,7 @@ class FaultWatch:
 
     def __init__(self) -> None:
         self.listeners: list[Callable[[FaultChange], None]] = []
-        self._said: dict[str, dict[str, bool]] = {}  # device -> witness -> its last word
+        self._said: dict[str, dict[_Witness, bool]] = {}  # device -> witness -> its last word
 
     def state(self, device: str) -> bool | None:
         """Whether a device is in fault; None where nobody has said anything of it yet."""
@@ -62,20 +73,26 @@ class FaultWatch:
             for listener in self.listeners:
                 listener(FaultChange(update.device, change, update))
 
-    def keep_only(self, devices: Iterable[str]) -> None:
-        """Forget devices that are no longer there."""
-        kept = set(devices)
-        self._said = {name: said for name, said in self._said.items() if name in kept}
+    def keep_only(self, keys: Iterable[Key]) -> None:
+        """Forget devices, and fault words, of which no point is polled any more."""
+        kept = set(keys)
+        devices = {device for device, _ in kept}
+        for device, said in list(self._said.items()):
+            for witness in [word for word in said if word.kind == WORD]:
+                if (device, witness.name) not in kept:
+                    del said[witness]
+            if device not in devices or not said:
+                del self._said[device]
 
 
-def _said_by(update: Update) -> Iterator[tuple[str, bool]]:
+def _said_by(update: Update) -> Iterator[tuple[_Witness, bool]]:
     """Who says of the device's fault what: the bit of the answer, the value of a fault word."""
     point, reading = update.polled.point, update.polled.reading
     if reading is None:
         return
     if reading.fault is not None:
-        yield f"bit {point.within}", reading.fault
+        yield _Witness(BIT, point.within), reading.fault
     if point.description is not None:
         fault = point.description.says_fault(reading.value)
         if fault is not None:
-            yield f"word {update.point}", fault
+            yield _Witness(WORD, update.point), fault

@@ -199,9 +199,9 @@ class Gateway:
         for name in found.started:
             self._start_line(name, plant)
         self.plant = plant
-        points = [line.points for line in self.lines.values()]
-        self.values.keep_only({key: point for each in points for key, point in each.items()})
-        self.faults.keep_only(plant.devices)
+        points = {key: at for line in self.lines.values() for key, at in line.points.items()}
+        self.values.keep_only(points)
+        self.faults.keep_only(points)
 
     # -- asking ------------------------------------------------------------------------------
 

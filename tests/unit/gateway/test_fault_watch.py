@@ -75,5 +75,22 @@ def test_the_state_of_each_device() -> None:
     watch.take(update("a", fault=True))
     watch.take(update("b", fault=False))
     assert [watch.state(name) for name in "abc"] == [True, False, None]
-    watch.keep_only(["b", "c"])
+    watch.keep_only([("b", "speed"), ("c", "speed")])
     assert [watch.state(name) for name in "abc"] == [None, False, None]
+
+
+def test_a_fault_word_that_is_not_polled_any_more_says_nothing() -> None:
+    watch = FaultWatch()
+    watch.take(update(name="word", value=BIT, mask=BIT))
+    watch.take(update(name="speed", fault=False))
+    watch.keep_only([("infeed", "word"), ("infeed", "speed")])
+    assert watch.state("infeed") is True
+    watch.keep_only([("infeed", "speed")])
+    assert watch.state("infeed") is False, "by the bit of its answers"
+    watch.take(update(name="word", value=BIT, mask=BIT))
+    watch.keep_only([("infeed", "other")])
+    assert watch.state("infeed") is False
+    only = FaultWatch()
+    only.take(update(name="word", value=BIT, mask=BIT))
+    only.keep_only([("infeed", "speed")])
+    assert only.state("infeed") is None

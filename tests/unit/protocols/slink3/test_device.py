@@ -73,7 +73,7 @@ def test_addresses_that_no_slave_has(address: int) -> None:
             "x" * 244,
             r"244 characters are too many for 8300\.1: at most 243",
         ),
-        (scaled, "voltage", "-1", "-1.0 V is out of range for voltage"),
+        (scaled, "voltage", "-1", "-1 V is out of range for voltage"),
         (scaled, "voltage", float("nan"), "nan is no value for voltage"),
     ],
 )
