@@ -514,6 +514,30 @@ def test_a_command_that_waited_too_long_is_not_begun(tmp_path: Path, audit: Path
     run(tmp_path, check, "commands = true")
 
 
+def test_a_command_does_not_wait_behind_what_is_taken_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its time counts from when it came: it must not be new only because nobody had looked at it before."""
+    real = mqtt_broker.Client.publish
+
+    async def slow(client: aiomqtt.Client, topic: str, payload: Any = None, **more: Any) -> None:
+        if payload == b"":
+            await asyncio.Event().wait()
+        await real(client, topic, payload, **more)
+
+    async def check(mosquitto: Broker) -> None:
+        async with watcher(mosquitto) as watching:
+            await watching.client.publish("multidrop/old/point", "{}", qos=1, retain=True)
+            monkeypatch.setattr(mqtt_broker.Client, "publish", slow)
+            async with connected(tmp_path, mosquitto, "commands = true"):
+                await watching.until(TORQUE, lambda state: state["value"] == 0)
+                await watching.command("5")
+                assert (await watching.answer())["found"] == 5
+
+    with broker(tmp_path) as mosquitto:
+        asyncio.run(check(mosquitto))
+
+
 def test_commands_too_many_at_once_are_refused(
     tmp_path: Path, audit: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
