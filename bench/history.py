@@ -278,6 +278,8 @@ def _fill_postgres(dsn: str, schema: str, points: int) -> None:
             )
     with psycopg.connect(dsn, autocommit=True) as connection:
         connection.execute(f"VACUUM ANALYZE {schema}.blocks".encode())
+        with contextlib.suppress(psycopg.errors.InsufficientPrivilege):
+            connection.execute("CHECKPOINT")  # else who asks writes what was just put there
 
 
 def _ask_postgres(store: Store, points: int) -> list[float]:

@@ -7,7 +7,6 @@ the `profiles` folder of the plant file; the one in the user's configuration.
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from multidrop.device import misleading
 from multidrop.errors import UsageError
 from multidrop.profile import Profile, nearest
 from multidrop.protocols import PROTOCOLS
+from multidrop.toml_values import read_toml
 
 SHIPPED = Path(__file__).with_name("profiles")
 CONFIG, CONFIG_ENVIRONMENT = "multidrop.toml", "MULTIDROP_CONFIG"
@@ -104,8 +104,12 @@ def folders(config: Path | None = None) -> list[Path]:
 
 def _folder_of(plant: Path) -> Path:
     try:
-        found = tomllib.loads(plant.read_text(encoding="utf-8")).get("profiles", FOLDER)
-    except (OSError, ValueError):  # whoever reads the plant says what is wrong with it
+        found = read_toml(plant.read_text(encoding="utf-8"), str(plant)).get("profiles", FOLDER)
+    except (
+        OSError,
+        UnicodeDecodeError,
+        UsageError,
+    ):  # whoever reads the plant says what is wrong with it
         found = FOLDER
     if not isinstance(found, str):
         raise UsageError(f"{plant}: profiles is {found!r}, which is no folder's name")

@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
@@ -29,6 +28,7 @@ from multidrop.plant import Limits, Plant, PlantDevice, PlantPoint
 from multidrop.points import Role
 from multidrop.profile import OfProfile, PointDescription, Profile, nearest
 from multidrop.protocols import PROTOCOLS
+from multidrop.toml_values import read_toml
 
 TABLES = ("http", "history", "mqtt", "modbus", "faults", "passports")
 """What stands beside the lines: the parts of a gateway. `gateway/settings.py` reads them."""
@@ -73,10 +73,7 @@ def read_plant(path: Path, load_profile: LoadProfile) -> Plant:
 
 def survey(text: str, file: str, load_profile: LoadProfile) -> Plant:
     """The same from text."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError(f"{file}: not TOML: {error}") from None
+    data = read_toml(text, file)
     reading = _Reading(file, load_profile)
     reading.lines(data)
     tables = {name: data[name] for name in TABLES if name in data}

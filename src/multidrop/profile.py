@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeVar
 
 from multidrop.description import PointDescription, Role
 from multidrop.errors import UsageError
+from multidrop.toml_values import read_toml
 
 ResultT = TypeVar("ResultT")
 
@@ -41,10 +41,7 @@ class Profile:
     @classmethod
     def from_toml(cls, text: str, file: str) -> Profile:
         """Raises `UsageError` that names `file`, the key and the reason."""
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise UsageError(f"{file}: not TOML: {error}") from None
+        data = read_toml(text, file)
         head = data.pop("profile", None)
         points = data.pop("points", {})
         for key in data:

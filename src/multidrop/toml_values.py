@@ -1,13 +1,26 @@
-"""Values as TOML writes them, each in one line."""
+"""TOML: what people write is read with a reason where it cannot be, values are written in one line."""
 
 from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from multidrop.errors import UsageError
+
 _BARE = re.compile(r"[A-Za-z0-9_-]+").fullmatch
+
+
+def read_toml(text: str, file: str, no: str = "not TOML") -> dict[str, Any]:
+    """The table of a whole file. Raises `UsageError` that names `file` and says what it is `no`."""
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # also for a number of more digits than Python reads
+        raise UsageError(f"{file}: {no}: {error}") from None
+    except RecursionError:
+        raise UsageError(f"{file}: {no}: it is nested too deeply") from None
 
 
 def toml_value(value: Any) -> str:

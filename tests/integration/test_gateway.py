@@ -12,10 +12,13 @@ from integration.plants import DriveLine, gateway, plant, plugged_in, until
 from integration.writes import logged
 from multidrop.errors import DeviceError, NoReply, OutcomeUnknown, PortError, UsageError
 from multidrop.gateway.gateway import Gateway
+from multidrop.gateway.history.sqlite import SqliteStore
 from multidrop.gateway.permission import NotAllowed
 from multidrop.io.audit import AuditLog
 from multidrop.io.poller import Quality
 from multidrop.writing import Outcome
+
+HISTORY = '[history]\npath = "history.db"\n'
 
 
 def qualities(running: Gateway) -> dict[str, Quality]:
@@ -225,6 +228,23 @@ def test_a_reload_leaves_alone_what_did_not_change(tmp_path: Path) -> None:
                 with pytest.raises(UsageError):
                     await running.read("gone0", "speed")
                 assert before["gone"].service.lost is not None
+
+    asyncio.run(main())
+
+
+def test_history_marks_what_a_reload_takes_out(tmp_path: Path) -> None:
+    async def main() -> None:
+        press = DriveLine("press", 0)
+        made = gateway(tmp_path, press.toml, HISTORY)
+        made.add_parts()
+        async with plugged_in(press), made as running:
+            await until(lambda: running.values.get("press0", "feed"))
+            await running.reload(plant(tmp_path, press.toml.replace("feed =", "rate ="), HISTORY))
+        store = SqliteStore(tmp_path / "history.db", only_read=True)
+        last = store.latest("press0", "feed")
+        store.close()
+        assert last is not None
+        assert (last.value, last.quality) == (None, Quality.STALE)
 
     asyncio.run(main())
 

@@ -195,6 +195,52 @@ def test_a_server_that_goes_away_under_load_gets_everything_in_order_and_once(
     asyncio.run(main())
 
 
+def test_a_server_that_goes_away_at_any_moment_gets_everything_in_order_and_once(
+    tmp_path: Path, away: tuple[Proxy, str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also in the middle of a batch, and between a commit and its acknowledgement."""
+    import psycopg
+
+    from multidrop.gateway.history.postgres import PostgresStore
+    from multidrop.gateway.history.postgres_sending import Writing
+
+    commit = Writing.commit
+
+    def commit_unheard(self: Writing, forget: int | None) -> None:
+        commit(self, forget)
+        if random.random() < 0.3:
+            raise psycopg.OperationalError("the connection was lost")
+
+    monkeypatch.setattr(Writing, "commit", commit_unheard)
+    monkeypatch.setattr("multidrop.gateway.history.postgres_sending.RETRY", 0.01)
+    monkeypatch.setattr("multidrop.gateway.history.postgres_sending.MUCH", 300)
+    proxy, dsn, schema = away
+    outbox = Outbox(tmp_path / "o.db", 10**8)
+    store = PostgresStore(dsn, outbox, schema=schema, every=0.1)
+
+    async def main() -> None:
+        history = History(store, every=0.01)
+        feeding = Feeding(history)
+        running = asyncio.create_task(history.run())
+        for _ in range(6 * KILLS):
+            until = time.monotonic() + random.uniform(0.0, 0.15)
+            while time.monotonic() < until:
+                feeding.feed()
+                await asyncio.sleep(0.01)
+            proxy.cut()
+            await asyncio.sleep(random.uniform(0.0, 0.02))
+            proxy.join()
+        await _until(lambda: store.delivered and history.state.waiting == 0)
+        found = [sample.value for sample in await history.range("d", "a", 0, FOREVER)]
+        assert found == list(range(1, feeding.number + 1))
+        assert await history.gaps(0, FOREVER) == []
+        assert outbox.size == outbox.samples == 0
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(main())
+
+
 def test_beyond_its_bound_the_outbox_gives_up_the_oldest_and_says_so(
     tmp_path: Path, away: tuple[Proxy, str, str]
 ) -> None:

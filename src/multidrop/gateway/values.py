@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime
 from typing import NamedTuple
 
 from multidrop.io.poller import Polled, Quality
@@ -50,13 +51,17 @@ class Update(NamedTuple):
 
 
 class Values:
-    """The latest `Update` of each point. Listeners are called in the loop and must return at once."""
+    """The latest `Update` of each point. Listeners are called in the loop and must return at once.
+
+    Those of `forgetting` are told, with a last update without a value, of what is no longer polled.
+    """
 
     def __init__(
         self, now: Callable[[], float], synchronised: Callable[[], bool | None] = lambda: None
     ) -> None:
         self.latest: dict[Key, Update] = {}
         self.listeners: list[Callable[[Update], None]] = []
+        self.forgetting: list[Callable[[Update], None]] = []
         self._now = now
         self._ask_clock = synchronised
         self._synchronised: bool | None = None
@@ -87,9 +92,15 @@ class Values:
 
     def keep_only(self, points: Mapping[Key, Point]) -> None:
         """Forget what is no longer polled, and what was read of a point that is another by now."""
+        now, time = self._now(), datetime.now(UTC)
         for key, update in list(self.latest.items()):
-            if points.get(key) != update.polled.point:
-                del self.latest[key]
+            polled = update.polled
+            if points.get(key) == polled.point:
+                continue
+            del self.latest[key]
+            ended = polled._replace(quality=Quality.STALE, time=time, reading=None, error=None)
+            for listener in self.forgetting:
+                listener(update._replace(polled=ended, monotonic=now))
 
 
 def _with_newest(polled: Polled, before: Polled) -> Polled:

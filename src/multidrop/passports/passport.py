@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -16,7 +15,7 @@ from typing import Any
 from multidrop.errors import UsageError
 from multidrop.points import Role, Value
 from multidrop.profile import nearest
-from multidrop.toml_values import toml_value
+from multidrop.toml_values import read_toml, toml_value
 
 VERSION = 1
 _BYTES = "bytes"
@@ -89,16 +88,8 @@ class Passport:
         With `damaged` a wrong checksum is let pass: somebody edited it and says so.
         One that is missing is not: what was cut short is no whole backup.
         """
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            cut = re.search("^passport = ", text, re.MULTILINE) and _said_sum(text) is None
-            why = "the file was cut short: " if cut else "no passport: "
-            raise UsageError(f"{file}: {why}{error}") from None
-        except ValueError as error:  # also for a number of more digits than Python reads
-            raise UsageError(f"{file}: no passport: {error}") from None
-        except RecursionError:
-            raise UsageError(f"{file}: no passport: it is nested too deeply") from None
+        cut = re.search("^passport = ", text, re.MULTILINE) and _said_sum(text) is None
+        data = read_toml(text, file, no="the file was cut short" if cut else "no passport")
         _check_version(data, file)
         _check_sum(text, file, damaged=damaged)
         return _passport(data, file)

@@ -90,6 +90,21 @@ def test_what_was_read_of_a_point_that_is_another_by_now_is_not_left() -> None:
     assert list(values.latest) == [("a", "q")]
 
 
+def test_who_wants_is_told_of_what_is_no_longer_polled() -> None:
+    clock = Clock()
+    values, told = Values(clock), list[Update]()
+    values.forgetting.append(told.append)
+    for name in ("p", "q"):
+        values.take(update("a", name, value=5).polled)
+    values.keep_only({("a", "p"): point("p"), ("a", "q"): point("q")})
+    assert told == []
+    clock.now += 7
+    values.keep_only({("a", "q"): point("q")})
+    (last,) = told
+    assert (last.key, last.quality, last.value) == (("a", "p"), Quality.STALE, None)
+    assert last.monotonic == clock.now
+
+
 def test_what_a_listener_raises_comes_out() -> None:
     values = Values(Clock())
 

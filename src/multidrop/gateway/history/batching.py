@@ -27,6 +27,9 @@ STEP = 100_000
 MOST_WAITING = 100_000
 """Samples that wait in memory while nothing can be written; the oldest go first."""
 
+SETTLED = 3600 * 1_000_000
+"""µs after a step, or the start, until wall time is believed where something is to be forgotten."""
+
 HEARTBEAT = 10.0
 """s after which it is recorded that nothing had to be."""
 
@@ -55,6 +58,13 @@ class Batching:
     def samples(self) -> int:
         """How many wait."""
         return len(self._rows) + sum(len(batch.rows) for batch in self._waiting)
+
+    @property
+    def settled(self) -> int | None:
+        """The newest time (µs); None where wall time stepped lately, and may be wrong."""
+        if self._span is None or self._until - self._span.start < SETTLED:
+            return None
+        return self._until
 
     def take(self, samples: Iterable[Sample]) -> None:
         """In the order in which they happened."""

@@ -42,7 +42,7 @@ class Bucketing:
         self.start = start
         self.end = end
         self.width = max(1, -(-(end - start) // most))
-        self._found: dict[int, Contents] = {}
+        self._found: dict[int, Bucket] = {}
 
     def add(self, pieces: Iterable[Chunk | Summary]) -> None:
         """The next samples, all of one span, in the order in which they happened."""
@@ -59,7 +59,7 @@ class Bucketing:
         good = sample.quality is Quality.GOOD and sample.value is not None
         value = sample.value if good else None
         number = value if isinstance(value, int | float) else None
-        self._found[0] = Contents(number, number, value, 0, not good)
+        self._found[0] = Bucket(self.start, number, number, value, 0, not good)
 
     def missing(self, gaps: Iterable[Gap]) -> None:
         """Where nothing was recorded at all."""
@@ -70,17 +70,7 @@ class Bucketing:
 
     def result(self) -> list[Bucket]:
         """By time; those with nothing in them are left out."""
-        return [
-            Bucket(
-                self.start + number * self.width,
-                whole(minimum),
-                whole(maximum),
-                whole(last) if isinstance(last, float) else last,
-                count,
-                gap,
-            )
-            for number, (minimum, maximum, last, count, gap) in sorted(self._found.items())
-        ]
+        return [self._found[number] for number in sorted(self._found)]
 
     def _cut(self, chunk: Chunk) -> None:
         """Into what is in each bucket."""
@@ -96,8 +86,18 @@ class Bucketing:
             at = upto
 
     def _merge(self, number: int, later: Contents) -> None:
+        minimum, maximum, last, count, gap = later
         earlier = self._found.get(number)
-        self._found[number] = later if earlier is None else _merged(earlier, later)
+        if earlier is not None:
+            minimum = _one_of(min, earlier.minimum, minimum)
+            maximum = _one_of(max, earlier.maximum, maximum)
+            last = last if count else earlier.last
+            count += earlier.count
+            gap = gap or earlier.gap
+        if isinstance(last, float):
+            last = whole(last)
+        time = self.start + number * self.width
+        self._found[number] = Bucket(time, whole(minimum), whole(maximum), last, count, gap)
 
 
 def contents_of(values: Sequence[Kept], codes: Sequence[int] | None, *, plain: bool) -> Contents:
@@ -117,16 +117,6 @@ def contents_of(values: Sequence[Kept], codes: Sequence[int] | None, *, plain: b
         good[-1] if good else None,
         len(good),
         len(good) < len(values),
-    )
-
-
-def _merged(earlier: Contents, later: Contents) -> Contents:
-    return Contents(
-        _one_of(min, earlier.minimum, later.minimum),
-        _one_of(max, earlier.maximum, later.maximum),
-        later.last if later.good else earlier.last,
-        earlier.good + later.good,
-        earlier.gap or later.gap,
     )
 
 

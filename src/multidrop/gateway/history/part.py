@@ -74,7 +74,6 @@ class History:
         self._batching = Batching(uuid.uuid4().hex)
         self._writing = ThreadPoolExecutor(1, "history-write")
         self._asking = ThreadPoolExecutor(1, "history-ask")
-        self._newest = 0
         self._error: str | None = None
         self.recorded = 0  # samples in this run
         self.written = 0  # of them: safe in the store, or on their way in its outbox
@@ -94,11 +93,15 @@ class History:
         else:
             self.append(reporting.report(sample_of(update)))
 
+    def forget(self, update: Update) -> None:
+        """A listener: its point is no longer polled, and from here on nobody knows its value."""
+        self.take(update)
+        del self._reporting[update.key]
+
     def append(self, samples: Iterable[Sample]) -> None:
         """Record these as they are, in the order in which they happened."""
         samples = tuple(samples)
         if samples:
-            self._newest = samples[-1].time
             self.recorded += len(samples)
             self._batching.take(samples)
 
@@ -126,7 +129,8 @@ class History:
         batches = self._batching.cut(now, stop=stop)
         if not batches:
             return
-        forget = self._newest - round(self._keep * 1e6) if self._keep else None
+        newest = self._batching.settled
+        forget = newest - round(self._keep * 1e6) if self._keep and newest is not None else None
         try:
             await _done(self._writing, lambda: self.store.write(batches, forget))
         except self.store.failures as error:
@@ -287,6 +291,7 @@ def part(gateway: Gateway) -> History:
     store = open_store(table, settings.path)
     history = History(store, rules.of, keep=table.keep * DAY, news=gateway.news)
     gateway.values.listeners.append(history.take)
+    gateway.values.forgetting.append(history.forget)
     return history
 
 

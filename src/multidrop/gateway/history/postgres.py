@@ -51,7 +51,7 @@ def demand_dsn(dsn: str) -> None:
 class PostgresStore(Store):
     """History in the schema `multidrop`, or another, of the database that `dsn` names.
 
-    `outbox` None: it only reads. `every` is the s between two transactions, each of which
+    `outbox` None: it only reads. `every` is the s from one commit to the next, each of which
     makes the server wait for its disk. Raises `UsageError` for a `dsn` that is none.
     """
 
@@ -67,7 +67,6 @@ class PostgresStore(Store):
         self._dsn = dsn
         self._schema = schema
         self._outbox = outbox
-        self._every = every
         self._reader: Connection | None = None
         self._sender = None if outbox is None else Sender(self._connect, outbox, every)
 
@@ -137,10 +136,6 @@ class PostgresStore(Store):
         with self._reader.cursor() as cursor:
             yield from cursor.stream(query.encode(), values, binary=True, size=ROWS_AT_ONCE)
 
-    def series(self) -> list[tuple[str, str]]:
-        self._snapshot()
-        return [(device, point) for device, point in self._rows(sql.SERIES)]
-
     def _snapshot(self) -> None:
         if self._reader is not None and not self._reader.closed:
             with contextlib.suppress(psycopg.Error):
@@ -155,6 +150,9 @@ class PostgresStore(Store):
         if self._reader is not None and not self._reader.closed:
             with contextlib.suppress(psycopg.Error):
                 self._reader.rollback()
+
+    def _points(self) -> list[tuple[str, str]]:
+        return [(device, point) for device, point in self._rows(sql.SERIES)]
 
     def _key(self, device: str, point: str) -> int | None:
         rows = self._rows(sql.SERIES_ID, device, point)

@@ -12,6 +12,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable
+from contextlib import closing
 from typing import Any
 
 import psycopg
@@ -73,7 +74,8 @@ class Sender:
         while True:
             stopping = self._stop.is_set()
             try:
-                with Writing(self._connect()) as writing:
+                with closing(self._connect()) as connection:
+                    writing = Writing(connection)
                     self.error = None
                     while self._deliver(writing) or not stopping:
                         stopping = self._stop.is_set()
@@ -104,7 +106,12 @@ class Sender:
             self._wake.clear()
             waiting = self._outbox.take(AT_ONCE, number)
             for item in waiting:
-                writing.take(self._unpacked(item))
+                try:
+                    writing.take(self._unpacked(item))
+                except UsageError:
+                    if not number:
+                        raise
+                    return number  # what was before it is delivered first
                 number = item.number
             left = self._due - time.monotonic()
             more = len(waiting) == AT_ONCE
@@ -117,14 +124,14 @@ class Sender:
     def _unpacked(self, waiting: Waiting) -> Batch:
         try:
             return unpack(waiting.data, waiting.lost)
-        except (zlib.error, ValueError, KeyError, TypeError):
+        except (zlib.error, ValueError, LookupError, TypeError):
             raise UsageError(
                 f"history.outbox {self._outbox.path}: what waits in it is damaged, or MQTT's: move it away"
             ) from None
 
 
 class Writing:
-    """One connection that writes; whatever goes wrong ends it, and the next one starts afresh."""
+    """What one connection writes; whatever goes wrong ends both, and the next ones start afresh."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -133,14 +140,10 @@ class Writing:
             for key, device, point in connection.execute(sql.ALL_SERIES.encode())
         }
         self._fresh: Counter[int] = Counter(dict(connection.execute(sql.COUNT_FRESH.encode())))
+        self._newest: dict[str, int] = {}  # the last batch of each run
+        self._spans: dict[Span, int] = {}
         self._forgetting = 0
         connection.commit()
-
-    def __enter__(self) -> Writing:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._connection.close()
 
     def take(self, batch: Batch) -> None:
         """Not before `commit` is it there; one that came before is left out."""
@@ -167,10 +170,16 @@ class Writing:
 
     def _new_rows(self, batch: Batch) -> list[tuple[int, int, Row]]:
         execute = self._connection.execute
-        newest = _first(execute("SELECT max(batch) FROM spans WHERE run = %s", (batch.span.run,)))
-        if newest is not None and newest >= batch.number:
+        run = batch.span.run
+        if run not in self._newest:
+            newest = "SELECT coalesce(max(batch), 0) FROM spans WHERE run = %s"
+            self._newest[run] = _first(execute(newest, (run,)))
+        if self._newest[run] >= batch.number:
             return []
-        span = self._span(batch.span)
+        self._newest[run] = batch.number
+        if batch.span not in self._spans:
+            self._spans[batch.span] = self._span(batch.span)
+        span = self._spans[batch.span]
         execute(
             "UPDATE spans SET until = %s, ended = %s, batch = %s WHERE id = %s",
             (batch.until, batch.ended, batch.number, span),

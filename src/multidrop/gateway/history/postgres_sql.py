@@ -63,14 +63,14 @@ FROM (
             max(number) FILTER (WHERE quality = 0) AS maximum,
             count(*) FILTER (WHERE good) AS count, count(*) > count(*) FILTER (WHERE good) AS gap,
             max(nth) FILTER (WHERE good) - min(nth) + 1 AS place,
-            array_agg(time) AS times, array_agg(number) AS numbers,
-            CASE WHEN count(text) > 0 THEN array_agg(text) END AS texts,
-            CASE WHEN max(quality) > 0 THEN array_agg(quality) END AS qualities
+            array_agg(time ORDER BY nth) AS times, array_agg(number ORDER BY nth) AS numbers,
+            CASE WHEN count(text) > 0 THEN array_agg(text ORDER BY nth) END AS texts,
+            CASE WHEN max(quality) > 0 THEN array_agg(quality ORDER BY nth) END AS qualities
         FROM (
             SELECT *, quality = 0 AND (number IS NOT NULL OR text IS NOT NULL) AS good,
                 row_number() OVER (PARTITION BY series, span ORDER BY time) AS nth
-            FROM recent ORDER BY series, span, time
-        ) AS ordered
+            FROM recent
+        ) AS counted
         GROUP BY series, span, (nth - 1) / %s
     ) AS grouped
 ) AS whole

@@ -234,14 +234,14 @@ class SqliteStore(Store):
 
     # -- asking --------------------------------------------------------------------------------
 
-    def series(self) -> list[tuple[str, str]]:
-        return self._reader.execute("SELECT device, point FROM series ORDER BY 1, 2").fetchall()
-
     def _snapshot(self) -> None:
         self._reader.execute("BEGIN")
 
     def _done(self) -> None:
         self._reader.execute("ROLLBACK")
+
+    def _points(self) -> list[tuple[str, str]]:
+        return self._reader.execute("SELECT device, point FROM series ORDER BY 1, 2").fetchall()
 
     def _key(self, device: str, point: str) -> int | None:
         found = self._reader.execute(

@@ -1,6 +1,6 @@
 """What any store of history can be asked. SQLite and PostgreSQL differ in how they fetch, not in what comes.
 
-All of it blocks; `history.py` calls it from threads.
+All of it blocks; `part.py` calls it from threads.
 """
 
 from __future__ import annotations
@@ -84,10 +84,6 @@ class Store(ABC):
         """
 
     @abstractmethod
-    def series(self) -> list[tuple[str, str]]:
-        """Device and point of everything there is."""
-
-    @abstractmethod
     def close(self) -> None: ...
 
     @property
@@ -107,6 +103,10 @@ class Store(ABC):
 
     @abstractmethod
     def _done(self) -> None: ...
+
+    @abstractmethod
+    def _points(self) -> list[tuple[str, str]]:
+        """Device and point of everything there is, in order."""
 
     @abstractmethod
     def _key(self, device: str, point: str) -> int | None: ...
@@ -135,6 +135,14 @@ class Store(ABC):
         """The last sample, of this span and before this time where they are given, and its span."""
 
     # -- what people ask -----------------------------------------------------------------------
+
+    def series(self) -> list[tuple[str, str]]:
+        """Device and point of everything there is."""
+        self._snapshot()
+        try:
+            return self._points()
+        finally:
+            self._done()
 
     def latest(self, device: str, point: str) -> Sample | None:
         """The newest sample; None where there is none. Raises `UsageError` for an unknown point."""
@@ -199,7 +207,7 @@ class Store(ABC):
     def _known(self, device: str, point: str) -> int:
         found = self._key(device, point)
         if found is None:
-            known = [f"{one} {other}" for one, other in self.series()]
+            known = [f"{one} {other}" for one, other in self._points()]
             wanted = f"{device} {point}"
             raise UsageError(f"there is no history of {wanted}{nearest(wanted, known)}")
         return found

@@ -13,7 +13,6 @@ import hashlib
 import os
 import re
 import secrets
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from multidrop.errors import UsageError
+from multidrop.toml_values import read_toml
 
 PREFIX = "mdt_"
 """Begins every token, so that one that was left somewhere is recognised."""
@@ -52,12 +52,13 @@ def digest(secret: str) -> str:
 def read_tokens(path: Path) -> tuple[Token, ...]:
     """The tokens of a file. Raises `UsageError` that names file, key and reason."""
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: {error.strerror}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"{path}: not TOML: {error}") from None
-    return tuple(_token(name, entry, f"{path}: {name}") for name, entry in data.items())
+    except UnicodeDecodeError:
+        raise UsageError(f"{path}: not UTF-8 text") from None
+    entries = read_toml(text, str(path)).items()
+    return tuple(_token(name, entry, f"{path}: {name}") for name, entry in entries)
 
 
 def _token(name: str, entry: Any, where: str) -> Token:

@@ -56,6 +56,21 @@ def test_a_clock_that_steps_begins_a_span() -> None:
     assert seconds(after) == [-3599, -3598]
 
 
+def test_wall_time_is_believed_an_hour_after_it_stepped() -> None:
+    batching = Batching("run")
+    assert batching.settled is None
+    batching.take([sample(0, 1), sample(3599, 2)])
+    assert batching.settled is None
+    batching.take([sample(3600, 3)])
+    assert batching.settled == START + 60 * MINUTE
+    batching.take([sample(3601, 4, step=-3600)])
+    assert batching.settled is None
+    batching.cut(1000.0 + 7201)
+    assert batching.settled == START + 60 * MINUTE + SECOND
+    batching.cut(1000.0 + 7202, stop=True)
+    assert batching.settled is None
+
+
 def test_the_clock_becoming_synchronised_begins_a_span() -> None:
     batching = Batching("run")
     batching.take([sample(0, 1, synchronised=None), sample(1, 2, synchronised=True)])

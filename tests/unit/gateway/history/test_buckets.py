@@ -161,7 +161,7 @@ def test_buckets_of_sqlite_are_what_the_samples_are(data: st.DataObject) -> None
     compare("sqlite", data)
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(st.data())
 def test_buckets_of_postgres_are_what_the_samples_are(data: st.DataObject) -> None:
     compare("postgres", data)

@@ -107,6 +107,28 @@ def test_what_is_worth_it_is_written_and_can_be_asked(tmp_path: Path) -> None:
     asyncio.run(main())
 
 
+def test_a_point_that_is_polled_no_more_has_no_value_from_then_on(tmp_path: Path) -> None:
+    """And is recorded at once when it is polled again, though its value is the same."""
+
+    async def main() -> None:
+        history = History(SqliteStore(tmp_path / "h.db"), every=SOON)
+        running = asyncio.create_task(history.run())
+        history.take(update(value=1, at=0.0))
+        history.forget(update(quality=Quality.STALE, at=2.0))
+        history.take(update(value=1, at=5.0))
+        await until(lambda: history.state.waiting == 0)
+        start = microseconds(NOON)
+        found = await history.range("infeed", "p", start, start + 60 * SECOND)
+        assert [((one.time - start) // SECOND, one.value) for one in found] == [
+            (0, 1),
+            (2, None),
+            (5, 1),
+        ]
+        await stop(running)
+
+    asyncio.run(main())
+
+
 def test_what_came_last_is_written_when_the_gateway_stops(tmp_path: Path) -> None:
     async def main() -> None:
         history = History(SqliteStore(tmp_path / "h.db"), every=1000.0)
@@ -192,6 +214,32 @@ def test_what_is_written_twice_because_the_gateway_was_stopped_meanwhile_is_ther
 
     asyncio.run(main())
     assert values_in(tmp_path / "h.db") == [n / 2 if n % 2 else n // 2 for n in range(40)]
+
+
+def test_a_clock_that_is_wrong_for_a_while_costs_no_history(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is old is known only where wall time has been the same for an hour."""
+    monkeypatch.setattr("multidrop.gateway.history.sqlite.SEAL_ALL", 1)
+    years = 1e8  # s
+
+    async def main() -> None:
+        history = History(SqliteStore(tmp_path / "h.db"), keep=1800.0)
+        for second in range(4):
+            history.append([sample(second, second)])
+            await history._write(1000.0 + second)
+        for second in range(5, 3605, 100):
+            history.append([sample(second, second, step=years)])
+            await history._write(1000.0 + second)
+        assert values_in(tmp_path / "h.db")[:5] == [0, 1, 2, 3, 5]
+        for second in range(3605, 5000, 100):
+            history.append([sample(second, second, step=years)])
+            await history._write(1000.0 + second)
+        half_an_hour = [list(range(first, 5000, 100)) for first in (3005, 3105)]
+        assert values_in(tmp_path / "h.db") in half_an_hour
+        history.close()
+
+    asyncio.run(main())
 
 
 def test_a_file_that_is_no_history_is_refused_and_left_alone(tmp_path: Path) -> None:

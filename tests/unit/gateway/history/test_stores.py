@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import closing
 from itertools import islice
@@ -266,6 +267,19 @@ def test_a_long_time_of_many_samples(kept: KeptStore) -> None:
     assert [(bucket.minimum, bucket.maximum, bucket.count) for bucket in found] == [
         (2 * place, 2 * place + 7, 120) for place in range(100)
     ]
+
+
+def test_what_is_read_is_not_all_in_memory(kept: KeptStore) -> None:
+    kept.write(batches([sample(second, second / 7) for second in range(60_000)]))
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in kept.store.range("infeed", "speed", START, END)) == 60_000
+        buckets = kept.store.buckets("infeed", "speed", START, START + 60_000 * SECOND)
+        assert sum(bucket.count for bucket in buckets) == 60_000
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 2_000_000  # all of them: 5 MB
 
 
 @pytest.mark.parametrize("size", [1, 2000])
