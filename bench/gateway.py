@@ -127,9 +127,7 @@ def _outbox(seconds: float) -> list[Result]:
             came += latencies(told, noted, begin, end)
             expected += counted_of(MIXED) * (end - begin) * polls / messages_of(MIXED)
     without, with_it = (mean(shares[outbox]) for outbox in (False, True))
-    beside = [
-        f"{without:.0%} of a core with QoS 0, {with_it:.0%} with QoS 1 and an outbox, which nothing goes into"
-    ]
+    beside = [f"{without:.0%} of a core with QoS 0, {with_it:.0%} with QoS 1 and an outbox"]
     who = "an MQTT subscriber, with QoS 1 and an outbox"
     return [_latency(who, came, expected, beside)]
 

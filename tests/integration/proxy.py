@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Iterator
 
 
 class Proxy:
-    """Passes on what comes at `port`. `cut` ends all connections and refuses new ones."""
+    """Passes on what comes at `port`, each piece after `pause` s. `cut` ends all connections and refuses new ones."""
 
     def __init__(self, host: str, port: int) -> None:
         self._to = host, port
+        self.pause = 0.0
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._listener.getsockname()[1]
         self._open: list[socket.socket] = []
@@ -54,18 +56,18 @@ class Proxy:
                 far = socket.create_connection(self._to)
                 self._open += [near, far]
             for one, other in ((near, far), (far, near)):
-                thread = threading.Thread(target=_pass_on, args=(one, other), daemon=True)
+                thread = threading.Thread(target=self._pass_on, args=(one, other), daemon=True)
                 self._threads.append(thread)
                 thread.start()
 
-
-def _pass_on(one: socket.socket, other: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        while data := one.recv(65536):
-            other.sendall(data)
-    for end in (one, other):
+    def _pass_on(self, one: socket.socket, other: socket.socket) -> None:
         with contextlib.suppress(OSError):
-            end.shutdown(socket.SHUT_RDWR)
+            while data := one.recv(65536):
+                time.sleep(self.pause)
+                other.sendall(data)
+        for end in (one, other):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
 
 
 @contextlib.contextmanager

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from pathlib import Path
 from typing import Any
 
+import aiomqtt
+import pytest
+
 from integration.mosquitto import broker
+from integration.servers import serving
 from multidrop.gateway.mqtt.broker import Broker
 from multidrop.gateway.settings import MqttSettings
 from multidrop.gateway.web.access import Place
@@ -45,3 +50,17 @@ def test_no_state_is_kept_back(tmp_path: Path) -> None:
 
     with broker(tmp_path) as mosquitto:
         assert asyncio.run(main(mosquitto.port))
+
+
+def test_a_broker_that_hangs_up_at_once_is_away_at_once(tmp_path: Path) -> None:
+    """As where something stands before it that takes every call: that must not cost ten seconds each time."""
+
+    async def main(port: int) -> None:
+        start = time.monotonic()
+        with pytest.raises(aiomqtt.MqttError, match="hung up before it answered"):
+            async with Broker(MqttSettings("127.0.0.1", port), Path).client("status"):
+                pass
+        assert time.monotonic() - start < 3
+
+    with serving(lambda connected: None) as server:
+        asyncio.run(main(int(server.port.rpartition(":")[2])))

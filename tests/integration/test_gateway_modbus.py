@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import re
-import shutil
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from programs import program
 from pymodbus.client import AsyncModbusTcpClient
 
 from integration.processes import PATIENCE
 from integration.published import Published, published, ran
 from integration.writes import logged
-from multidrop.errors import PortError
+from multidrop.catalog import load_profile
+from multidrop.errors import PortError, UsageError
 from multidrop.gateway.modbus import part as modbus
 from multidrop.gateway.modbus.part import ModbusServer
+from multidrop.plantfile import parse_plant
 from multidrop.sim.slink3 import ax_v
 
-NEEDED = "MULTIDROP_NEEDS_MBPOLL"
 TABLES = '[modbus]\nlisten = "127.0.0.1:0"\nwrites = true\n'
 TORQUE, SPEED, TENSION, MISSING = 0, 1, 100, 102
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, FAILURE, BUSY, NO_REPLY = 1, 2, 3, 4, 6, 11
@@ -334,6 +334,42 @@ def test_a_client_that_floods_is_cut_off(tmp_path: Path) -> None:
     run(tmp_path, check)
 
 
+def test_a_point_that_is_gone_while_it_is_written_is_answered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reload may take it away between the request and what came of it."""
+
+    async def check(site: Published, server: ModbusServer) -> None:
+        async def gone(*_: object, **__: object) -> None:
+            await site.gateway.reload(other)
+            assert server.map.covering(0, 1) is not None
+            raise UsageError("infeed has no point 'torque'")
+
+        text = site.text.replace("torque =", "moment =").format(port=site.port)
+        other = parse_plant(text, site.file, load_profile)
+        monkeypatch.setattr(site.gateway, "write", gone)
+        async with bare(server) as one:
+            assert await one.ask(bytes.fromhex("06 0000 0007")) == b"\x86\x02"
+
+    run(tmp_path, check)
+
+
+def test_a_fault_of_the_server_does_not_leave_a_client_waiting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def broken(server: ModbusServer, request: modbus.Request, client: str) -> None:
+        raise OSError("a bug")
+
+    monkeypatch.setattr(ModbusServer, "execute", broken)
+
+    async def check(site: Published, server: ModbusServer) -> None:
+        async with bare(server) as one:
+            one.send(1, bytes.fromhex("03 0064 0002"))
+            assert await one.is_cut_off()
+
+    run(tmp_path, check)
+
+
 def test_a_client_that_was_silent_for_long_makes_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -411,25 +447,14 @@ def test_an_address_that_is_taken_ends_the_gateway(tmp_path: Path) -> None:
     run(tmp_path, check)
 
 
-def mbpoll() -> str:
-    """Where mbpoll is. Skips the test if it is nowhere, or fails it where it must be."""
-    found = shutil.which("mbpoll")
-    if found is None:
-        why = "mbpoll is not installed (make mbpoll)"
-        if os.environ.get(NEEDED):
-            pytest.fail(why)
-        pytest.skip(why)
-    return found
-
-
 def test_mbpoll_reads_and_writes(tmp_path: Path) -> None:
-    program = mbpoll()
+    mbpoll = program("mbpoll", "make mbpoll")
 
     async def check(site: Published, server: ModbusServer) -> None:
         host, _, port = server.port.rpartition(":")
 
         async def poll(*arguments: str, values: tuple[str, ...] = ()) -> tuple[int, str]:
-            return await ran(program, "-0", "-1", "-p", port, *arguments, host, *values)
+            return await ran(mbpoll, "-0", "-1", "-p", port, *arguments, host, *values)
 
         status, out = await poll("-t", "4:float", "-B", "-r", str(TENSION))
         assert status == 0

@@ -22,11 +22,13 @@ from integration.processes import COMMAND, PATIENCE, Running
 from integration.published import DEVICES, Published, published, ran
 from integration.threads import simulated
 from integration.writes import logged
+from multidrop.catalog import load_profile
 from multidrop.errors import UsageError
 from multidrop.gateway.mqtt import broker as mqtt_broker
 from multidrop.gateway.mqtt import carrying_out
 from multidrop.gateway.mqtt import part as mqtt
 from multidrop.gateway.mqtt.part import Mqtt
+from multidrop.plantfile import parse_plant
 
 TORQUE = "multidrop/infeed/torque"
 SET = f"{TORQUE}/set"
@@ -210,6 +212,18 @@ def test_what_does_not_change_is_not_sent_again_until_it_is_old(tmp_path: Path) 
 
     dead = DEVICES.replace('unit = "Nm",', 'unit = "Nm", deadband = 2,')
     run(tmp_path, check, devices=dead)
+
+
+def test_a_point_that_is_another_after_a_reload_is_sent_again(tmp_path: Path) -> None:
+    """Though it has the same number: that means something else now."""
+
+    async def check(site: Published, mosquitto: Broker, watching: Watcher) -> None:
+        await watching.until(TORQUE, lambda state: state["value"] == 0)
+        other = site.text.replace('unit = "Nm"', 'unit = "%"').format(port=site.port)
+        await site.gateway.reload(parse_plant(other, site.file, load_profile))
+        await watching.until(TORQUE, lambda state: (state["value"], state["unit"]) == (0, "%"))
+
+    run(tmp_path, check, 'outbox = "outbox.db"')
 
 
 def test_names_with_signs_of_their_own(tmp_path: Path) -> None:
@@ -498,6 +512,30 @@ def test_a_command_that_waited_too_long_is_not_begun(tmp_path: Path, audit: Path
         assert len(logged(audit)) == 7
 
     run(tmp_path, check, "commands = true")
+
+
+def test_a_command_does_not_wait_behind_what_is_taken_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its time counts from when it came: it must not be new only because nobody had looked at it before."""
+    real = mqtt_broker.Client.publish
+
+    async def slow(client: aiomqtt.Client, topic: str, payload: Any = None, **more: Any) -> None:
+        if isinstance(payload, bytes) and not payload:
+            await asyncio.Event().wait()
+        await real(client, topic, payload, **more)
+
+    async def check(mosquitto: Broker) -> None:
+        async with watcher(mosquitto) as watching:
+            await watching.client.publish("multidrop/old/point", "{}", qos=1, retain=True)
+            monkeypatch.setattr(mqtt_broker.Client, "publish", slow)
+            async with connected(tmp_path, mosquitto, "commands = true"):
+                await watching.until(TORQUE, lambda state: state["value"] == 0)
+                await watching.command("5")
+                assert (await watching.answer())["found"] == 5
+
+    with broker(tmp_path) as mosquitto:
+        asyncio.run(check(mosquitto))
 
 
 def test_commands_too_many_at_once_are_refused(

@@ -23,6 +23,8 @@ import pytest
 from integration.counting import CountingLine, counting, stop, wait_until
 from integration.gateways import Client as HttpClient
 from integration.mosquitto import Broker, found
+from integration.processes import Running
+from integration.proxy import Proxy, proxy_to
 from integration.test_campaigns_full import Disk, limited, small
 from integration.test_gateway_mqtt import Watcher, certificate, watcher
 from integration.test_gateway_mqtt_outbox import (
@@ -34,6 +36,7 @@ from integration.test_gateway_mqtt_outbox import (
     numbers,
     said,
     site,
+    standing_still,
     until_count,
 )
 from multidrop.gateway.mqtt.broker import AT_ONCE, Client
@@ -156,10 +159,10 @@ def test_a_reload_that_takes_a_line_away_while_the_broker_is_away(tmp_path: Path
 
 def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) -> None:
     """Everything comes in order; what comes twice is known by its record, and is of about a second."""
-    states = 20_000
+    states = 3_000
     filled(tmp_path, states)
 
-    async def heard(place: Site) -> None:
+    async def heard(place: Site, way: Proxy) -> None:
         async with watcher(place.mosquitto) as watching:
             for _ in range(2):
                 before = in_file(tmp_path)
@@ -167,6 +170,7 @@ def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) ->
                     await asyncio.to_thread(wait_until, partial(less_in_file, tmp_path, before))
                     program.end()
             assert 0 < in_file(tmp_path) < states
+            way.pause = 0.0
             with place.gateway() as program:
                 await asyncio.to_thread(said, program, "have followed")
                 await until_count(watching, place.lines[0], len(place.lines[0].given))
@@ -177,8 +181,9 @@ def test_a_gateway_that_is_killed_in_the_middle_of_a_delivery(tmp_path: Path) ->
                 assert 0 < dropped < states
                 await asyncio.to_thread(stop, program)
 
-    with site(tmp_path, "", *ROOMY) as place:
-        asyncio.run(heard(place))
+    with site(tmp_path, "", *ROOMY) as near, proxy_to("127.0.0.1", near.mosquitto.port) as way:
+        way.pause = 0.02
+        asyncio.run(heard(Site(tmp_path, near.mosquitto, near.lines, way.port, ""), way))
 
 
 def test_a_broker_that_is_killed_again_and_again(tmp_path: Path) -> None:
@@ -188,17 +193,13 @@ def test_a_broker_that_is_killed_again_and_again(tmp_path: Path) -> None:
     async def heard(place: Site) -> list[int]:
         found: list[int] = []
         for number in range(5):
-            async with watcher(place.mosquitto) as watching:
-                watching.messages.clear()
+            async with back(place) if number else watcher(place.mosquitto) as watching:
                 await watching.until(STATUS, online)
                 await until_count(watching, place.lines[0], len(place.lines[0].given) + 2 * number)
                 found += numbers(watching, place.lines[0])
-                if number < 4:
-                    kills.append(time.monotonic())
-                    await asyncio.to_thread(place.mosquitto.kill)
-            if number < 4:
-                await asyncio.to_thread(place.lines[0].wait_for_more, 5 * number)
-                await asyncio.to_thread(place.mosquitto.start)
+                kills.append(time.monotonic())
+                await asyncio.to_thread(place.mosquitto.kill)
+            await asyncio.to_thread(place.lines[0].wait_for_more, 5 * number)
         return found
 
     with site(tmp_path) as place, place.gateway() as program:
@@ -252,9 +253,11 @@ commands = true
             await client.subscribe("answers/#", qos=2)
             yield Watcher(client)
 
-    async def heard(place: Site, since: list[int]) -> None:
-        place.mosquitto.start()
-        async with listening(place.mosquitto) as watching:
+    async def heard(place: Site, program: Running, since: list[int]) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            with standing_still(program):
+                place.mosquitto.start()
+                watching = await stack.enter_async_context(listening(place.mosquitto))
             await watching.until(STATUS, online)
             for line in place.lines:
                 await until_count(watching, line, len(line.given) + 10)
@@ -274,21 +277,35 @@ commands = true
         since = place.given()
         away(program)
         place.lines[0].wait_for_more(40)
-        asyncio.run(heard(place, since))
+        asyncio.run(heard(place, program, since))
         stop(program)
         assert "secret" not in "".join([*program.out, *program.err])
+
+
+def test_an_outbox_that_is_damaged_does_not_end_the_gateway(tmp_path: Path) -> None:
+    """Nothing goes to the broker, which is said; the plant is polled."""
+    filled(tmp_path, 1)
+    with contextlib.closing(sqlite3.connect(tmp_path / OUTBOX)) as file, file:
+        file.execute("UPDATE records SET data = zeroblob(10)")
+    with site(tmp_path) as place, place.gateway() as program:
+        status = HttpClient(said(program, "http://").strip())
+        assert "what waits in it is damaged" in said(program, "is away")
+        place.lines[0].wait_for_more(20)
+        (trouble,) = status.get("/api/status").json["troubles"]
+        assert "what waits in it is damaged" in trouble["text"]
+        stop(program)
 
 
 # -- no more room ---------------------------------------------------------------------------------
 
 
 def test_an_outbox_that_is_full_gives_up_the_oldest_and_says_how_many(tmp_path: Path) -> None:
-    """What came first of all is the gap; every state is either behind it or counted in it."""
+    """Every state comes in order, or is counted in a gap that stands in its place: also in those of what
+    new states push out while the first ones are on their way.
+    """
     states = 9_600
     filled(tmp_path, states, 100)
-    with site(
-        tmp_path, "outbox_size = 1", "allow_anonymous true", "max_queued_messages 0"
-    ) as place:
+    with site(tmp_path, "outbox_size = 1", *ROOMY) as place:
         place.mosquitto.kill()
         with place.gateway() as program:
             away(program)
@@ -297,21 +314,36 @@ def test_an_outbox_that_is_full_gives_up_the_oldest_and_says_how_many(tmp_path: 
             async def heard() -> None:
                 async with back(place) as watching:
                     await watching.until(STATUS, online)
-                    first = next(m for m in watching.messages if str(m.topic) != STATUS)
-                    assert str(first.topic) == "multidrop/gap"
-                    gap = json.loads(first.payload)
-                    found, dropped = by_record(watching, OLD)
-                    run = found[0][0]
-                    old = [record for record in found if record[0] == run]
-                    assert tuple(gap["before"]) == old[0]
-                    assert gap["states"] == old[0][1] - 1
-                    assert len(old) > 1_000
-                    assert old == [(run, number) for number in range(old[0][1], states + 1)]
+                    came, lost = states_and_gaps(watching, OLD)
+                    assert lost[0] == came[0] - 1
+                    assert sum(lost) + len(came) == states
+                    assert came[-1] == states
+                    assert len(came) > 1_000
                     assert numbers(watching, place.lines[1])[0] == 1
-                    assert dropped == 0
 
             asyncio.run(heard())
             stop(program)
+
+
+def states_and_gaps(watching: Watcher, topic: str) -> tuple[list[int], list[int]]:
+    """Numbers of the first run's states, as they came, and how many each gap before one of them counts."""
+    came: list[int] = []
+    lost: list[int] = []
+    gap: dict[str, Any] = {}
+    first_run = None
+    for message in watching.messages:
+        facts = json.loads(message.payload) if str(message.topic) != STATUS else {}
+        if str(message.topic) == "multidrop/gap":
+            gap = facts
+        elif str(message.topic) == topic and "record" in facts:
+            run, number = facts["record"]
+            first_run = first_run or run
+            if run == first_run:
+                missing = gap["states"] if gap.get("before") == [run, number] else 0
+                assert number == (came[-1] if came else 0) + 1 + missing
+                lost += [missing] if missing else []
+                came.append(number)
+    return came, lost
 
 
 @pytest.mark.parametrize("kind", [limited, small])

@@ -16,12 +16,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from programs import program
 
 from integration.mosquitto import Broker, broker, found
 from integration.processes import PATIENCE, multidrop
 from integration.published import Published, published, ran
 from integration.servers import Connected, Server, serving
-from integration.test_gateway_modbus import mbpoll
 from integration.test_gateway_mqtt import watcher
 from integration.writes import logged
 from multidrop.gateway.modbus.part import ModbusServer
@@ -184,7 +184,7 @@ def test_mbpoll(tmp_path: Path, audit: Path) -> None:
             ("0", "0", ("1",), "Illegal function"),  # a coil
         ):
             status, out = await ran(
-                mbpoll(),
+                program("mbpoll", "make mbpoll"),
                 "-0",
                 "-1",
                 "-p",

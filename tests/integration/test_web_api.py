@@ -6,7 +6,6 @@ import contextlib
 import http.client
 import json
 import os
-import shutil
 import socket
 import ssl
 import subprocess
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import program
 
 from integration.gateways import PLANT, Answer, Client, RunningGateway, gateway
 from integration.processes import PATIENCE, multidrop
@@ -538,11 +538,9 @@ def test_a_token_that_was_taken_back(running_gateway: RunningGateway) -> None:
 
 def test_other_machines_with_token_and_tls(tmp_path: Path) -> None:
     """As docs/howto/hardening.md says it; reading needs a token then, and plain HTTP is no answer."""
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl is not installed")
     made = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost"
     names = "-addext subjectAltName=DNS:localhost -keyout key.pem -out certificate.pem"
-    command = ["openssl", *made.split(), *names.split()]
+    command = [program("openssl"), *made.split(), *names.split()]
     subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
     plant = PLANT.replace("127.0.0.1:0", "0.0.0.0:0").replace(
         "tokens =", 'certificate = "certificate.pem"\nkey = "key.pem"\ntokens ='

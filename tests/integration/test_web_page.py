@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.keys import Keys
 
-from integration.browser import Browser, browser, driver_path
+from integration.browser import Browser
 from integration.gateways import PLANT, RunningGateway, gateway
 
 SPEED = '[data-point="infeed/speed"]'
@@ -18,23 +17,12 @@ FEED = '[data-point="infeed/feed"]'
 
 
 @pytest.fixture(scope="module")
-def window() -> Iterator[Browser]:
-    driver_path()
-    with browser() as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningGateway]:
     folder = tmp_path_factory.mktemp("page")
-    before = os.environ.get("MULTIDROP_AUDIT")
-    os.environ["MULTIDROP_AUDIT"] = str(folder / "audit.jsonl")
-    with gateway(folder, '[history]\npath = "history.db"\n') as started:
-        yield started
-    if before is None:
-        del os.environ["MULTIDROP_AUDIT"]
-    else:
-        os.environ["MULTIDROP_AUDIT"] = before
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MULTIDROP_AUDIT", str(folder / "audit.jsonl"))
+        with gateway(folder, '[history]\npath = "history.db"\n') as started:
+            yield started
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from integration.browser import browser, driver_path
+from integration.browser import Browser
 from integration.counting import CountingLine, counting, stop
 from integration.gateways import Client
 from integration.mosquitto import broker
@@ -22,14 +22,16 @@ outbox = "mqtt-outbox.db"
 """
 
 
-def test_a_broker_that_is_away_and_a_disk_that_is_full_stand_at_the_top(tmp_path: Path) -> None:
+def test_a_broker_that_is_away_and_a_disk_that_is_full_stand_at_the_top(
+    tmp_path: Path, window: Browser
+) -> None:
     """In words, with since when, and how long there is room; nothing of it once all is well again."""
-    driver_path()
     line = CountingLine("press")
     with small(tmp_path) as disk, counting(line), broker(tmp_path) as mosquitto:
         file = disk.folder / "multidrop.toml"
         file.write_text(line.toml + TABLES.format(port=mosquitto.port))
-        with running("run", cwd=disk.folder) as program, browser() as page:
+        with running("run", cwd=disk.folder) as program:
+            page = window
             url = program.wait_for("http://")
             program.prints("mqtt: connected")
             line.wait_for_more(20)

@@ -59,7 +59,7 @@ def test_a_broker_that_is_away(
     waiting: int | None, left: float | None, said: str, losing: bool
 ) -> None:
     state = MqttState("connection refused", waiting, left)
-    text = f"The MQTT broker b:1883 is away: connection refused.{said}"
+    text = f"Nothing goes to the MQTT broker b:1883: connection refused.{said}"
     assert mqtt.away("b:1883", state, SINCE, left) == Trouble(text, SINCE, losing, left)
 
 

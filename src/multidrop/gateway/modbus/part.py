@@ -214,7 +214,9 @@ class ModbusServer:
     def _code(self, entry: Entry, error: Error) -> ExcCodes:
         """What a client is told of a write that was not confirmed."""
         if isinstance(error, UsageError):
-            writable = self._plant.devices[entry.device].points[entry.point].write is not None
+            device = self._plant.devices.get(entry.device)  # a reload may have taken it away
+            known = None if device is None else device.points.get(entry.point)
+            writable = known is not None and known.write is not None
             return ExcCodes.ILLEGAL_VALUE if writable else ExcCodes.ILLEGAL_ADDRESS
         if isinstance(error, NoReply | PortError | ProtocolError | OutcomeUnknown):
             return ExcCodes.GATEWAY_NO_RESPONSE
@@ -258,11 +260,15 @@ class Client:
         return Request(number, unit, code, body, asyncio.get_running_loop().time())
 
     async def _work(self) -> None:
-        while True:
-            request = await self._waiting.get()
-            answer = await self._server.execute(request, self._caller.name)
-            answer.transaction_id, answer.dev_id = request.number, request.unit
-            self._caller.write(self._framer.buildFrame(answer))
+        """Until cancelled; a client must not wait for one that has failed."""
+        try:
+            while True:
+                request = await self._waiting.get()
+                answer = await self._server.execute(request, self._caller.name)
+                answer.transaction_id, answer.dev_id = request.number, request.unit
+                self._caller.write(self._framer.buildFrame(answer))
+        finally:
+            self._caller.hang_up()
 
     def hang_up(self) -> None:
         self._caller.hang_up()

@@ -57,7 +57,7 @@ QUIET.addHandler(logging.NullHandler())
 
 
 class Client(aiomqtt.Client):
-    """aiomqtt's, but it does not watch a socket that is closed, and does not keep a broker waiting.
+    """aiomqtt's, but it does not watch a socket that is closed, does not keep a broker waiting, nor waits for one that has hung up.
 
     A socket is closed by then where a write is the first to notice that the broker has gone:
     aiomqtt's own makes asyncio complain of that at length on standard error.
@@ -78,6 +78,13 @@ class Client(aiomqtt.Client):
             with contextlib.suppress(OSError):  # it may be closed
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
 
+    def _on_disconnect(
+        self, client: Any, userdata: Any, flags: Any, code: Any, facts: Any = None
+    ) -> None:
+        """Before it has answered: aiomqtt's own waits for that answer until its time-out."""
+        self._loop.call_soon_threadsafe(_hang_up, self._connected)
+        super()._on_disconnect(client, userdata, flags, code, facts)
+
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
         self._loop.call_soon_threadsafe(self._watch, client, sock)
 
@@ -91,6 +98,11 @@ class Client(aiomqtt.Client):
         except Exception as error:  # as aiomqtt's own: whatever it is, it ends the connection
             if not self._disconnected.done():
                 self._disconnected.set_exception(error)
+
+
+def _hang_up(connected: asyncio.Future[None]) -> None:
+    if not connected.done():
+        connected.set_exception(aiomqtt.MqttError("it hung up before it answered"))
 
 
 class Broker:

@@ -45,6 +45,9 @@ MOST_IN_MEMORY = 10_000
 WEIGH_EVERY = 10.0
 """s after which it is found out again how many bytes a state takes."""
 
+LOTS_AT_ONCE = 16
+"""Lots that are taken out of the outbox together: a disk that is asked for each alone keeps a quick broker waiting."""
+
 RECEIVED = 1
 """QoS of states: the broker confirms each."""
 
@@ -68,8 +71,6 @@ class Backlog:
     ) -> None:
         self.error: str | None = None
         self.since: datetime | None = None  # of the error
-        self.hours: float | None = None  # how long the broker may be away; None before it is known
-        self.left: float | None = None  # how much longer, with what waits already
         self.followed = 0  # states out of the outbox, since the last `put_back`
         self.confirmed: set[str] = set()  # topics, since the last `put_back`
         self._outbox = outbox
@@ -84,6 +85,8 @@ class Backlog:
         self._fresh: deque[State] = deque()
         self._lost: Gap | None = None
         self._flying: Lot | None = None
+        self._ahead: deque[Waiting] = deque()  # out of the outbox, to be sent next
+        self._confirmed_to = 0  # number of the last record that was confirmed
         self._behind = not outbox.delivered
         self._forgot = now()
         self._rate = Rate(now)
@@ -104,6 +107,16 @@ class Backlog:
         flying = self._flying
         in_flight = len(flying.states) if flying is not None and flying.number is None else 0
         return self._outbox.samples + len(self._fresh) + in_flight
+
+    @property
+    def hours(self) -> float | None:
+        """How long the broker may be away at the present rate; None before it is known."""
+        return self._outbox.hours
+
+    @property
+    def left(self) -> float | None:
+        """How much longer, with what waits already."""
+        return self._outbox.left
 
     def __str__(self) -> str:
         """Where what waits is, and how long it may."""
@@ -137,7 +150,7 @@ class Backlog:
         retained: Collection[str],
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Until all is sent that waited, or `ends`; only `retained` topics are. Raises `MqttError`, `UsageError`.
+        """Until all is sent that waited, or `ends`; only `retained` topics are. Raises `MqttError`.
 
         What comes meanwhile gathers for the next time. What it leaves unconfirmed it still has;
         `put_back` says that it will not be.
@@ -165,17 +178,23 @@ class Backlog:
                 self._lost = joined(lot.lost, self._lost)
             self.confirmed.clear()
             self.followed = 0
+            self._ahead.clear()
+            with contextlib.suppress(sqlite3.Error):  # then it comes again, with the same records
+                await self._on_disk(self._outbox.done, self._confirmed_to)
             await self._on_disk(self._outbox.put_back)
 
     async def _next(self) -> Lot | None:
         async with self._turn:
-            if self._behind:
-                waiting = await self._read(self._outbox.take)
-                if waiting:
-                    self._flying = self._unpacked(waiting[0])
-                    return self._flying
-                await self._forget()
-                self._behind = False
+            if self._behind and not self._ahead:
+                self._ahead.extend(await self._read(self._take))
+                if not self._ahead:
+                    await self._forget()
+                    self._behind = False
+                elif self._now() - self._forgot >= FORGET_EVERY:
+                    await self._forget()
+            if self._ahead:
+                self._flying = self._unpacked(self._ahead.popleft())
+                return self._flying
             if not self._fresh:
                 return None
             count = min(AT_ONCE, len(self._fresh))
@@ -183,21 +202,24 @@ class Backlog:
             self._lost, self._flying = None, lot
             return lot
 
+    def _take(self) -> list[Waiting]:
+        """In the thread of the disk. Until the next time nothing of it can be pushed out."""
+        self._outbox.done(self._confirmed_to)
+        return self._outbox.take(LOTS_AT_ONCE)
+
     def _unpacked(self, waiting: Waiting) -> Lot:
         try:
             return unpack(waiting)
         except (zlib.error, ValueError, KeyError, TypeError):
-            raise UsageError(
+            raise aiomqtt.MqttError(  # the plant goes on, and the page says it
                 f"mqtt.outbox {self._outbox.path}: what waits in it is damaged, or history's: move it away"
             ) from None
 
     async def _done(self, lot: Lot) -> None:
         async with self._turn:
             if lot.number is not None:
-                await self._read(self._outbox.done, lot.number)
+                self._confirmed_to = max(self._confirmed_to, lot.number)
                 self.followed += len(lot.states)
-                if self._now() - self._forgot >= FORGET_EVERY:
-                    await self._forget()
             self._flying = None
             self.confirmed.update(state.topic for state in lot.states)
 
@@ -225,8 +247,6 @@ class Backlog:
                 self._outbox.note(self._rate.would_be())
             elif self.error is None or await self._put(flying, AT_ONCE):
                 await self._put(flying if flying and flying.number is None else None)
-            # asked now and not when somebody wants to know: then the disk may have the outbox
-            self.hours, self.left = self._outbox.hours, self._outbox.left
 
     async def _put(self, flying: Lot | None, most: int = MOST_IN_MEMORY) -> bool:
         """So many states at most; where the disk took none, little is tried first. Whether it takes them."""

@@ -174,8 +174,10 @@ class Mqtt:
             self._published.clear()
             self._waiting = dict(self.gateway.values.latest)
         self._wake.set()
+        orphans: asyncio.Queue[str] = asyncio.Queue()
         tasks = [
-            asyncio.create_task(self._listen(client)),
+            asyncio.create_task(self._listen(client, orphans)),
+            asyncio.create_task(self._take_back(client, orphans)),
             asyncio.create_task(self._publish(client)),
         ]
         self.gateway.say(f"mqtt: connected to {self._broker}")
@@ -326,10 +328,11 @@ class Mqtt:
         if self.settings.commands:
             await subscribe(client, self.topics.commands, FRESH)
 
-    async def _listen(self, client: aiomqtt.Client) -> None:
+    async def _listen(self, client: aiomqtt.Client, orphans: asyncio.Queue[str]) -> None:
         """Commands, and what the broker has kept of points that there are no more.
 
-        From the first moment on: this is what notices that the broker has gone.
+        From the first moment on: this is what notices that the broker has gone. It waits for
+        nothing else: a command's time counts from here, and must not begin when it is old.
         """
         async for message in client.messages:
             topic = str(message.topic)
@@ -337,8 +340,14 @@ class Mqtt:
                 key = self._keys.get(topic.removesuffix("/set"))
                 self._commands.begin(client, command_of(topic, message), key)
             elif message.retain and message.payload and self._is_orphan(topic):
+                orphans.put_nowait(topic)
+
+    async def _take_back(self, client: aiomqtt.Client, orphans: asyncio.Queue[str]) -> None:
+        while True:
+            topic = await orphans.get()
+            if self._is_orphan(topic):  # it may have come back with a reload
                 await client.publish(topic, b"", qos=1, retain=True)
-                end_if_cancelled()
+            end_if_cancelled()
 
     def _is_orphan(self, topic: str) -> bool:
         """Whether what the broker has kept there is of a point that was."""

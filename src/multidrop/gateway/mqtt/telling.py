@@ -32,7 +32,7 @@ def metrics_of(state: MqttState) -> Iterator[Metric]:
 
 def away(broker: str, state: MqttState, since: datetime, left: float | None) -> Trouble:
     """The broker is away; `left` is for how many hours there is room on the disk."""
-    text = f"The MQTT broker {broker} is away: {state.error}."
+    text = f"Nothing goes to the MQTT broker {broker}: {state.error}."
     if state.waiting is None:
         text += " Only the newest state of each point waits for it."
     else:

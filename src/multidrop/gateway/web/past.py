@@ -17,6 +17,7 @@ from multidrop.gateway.faults.freeze_frames import FreezeFrame
 from multidrop.gateway.faults.part import Faults
 from multidrop.gateway.gateway import Gateway
 from multidrop.gateway.history.part import History
+from multidrop.gateway.history.records import Sample
 from multidrop.gateway.history.store import MOST_BUCKETS
 from multidrop.gateway.web.access import Refused
 from multidrop.gateway.web.shapes import utc
@@ -98,22 +99,43 @@ async def columns(
 async def rows(
     history: History, points: Sequence[tuple[str, str]], start: float, end: float
 ) -> AsyncIterator[str]:
-    """CSV, a row for each sample: one point after the other, each in the order of time."""
+    """CSV, a row for each sample: one point after the other, each in the order of time.
+
+    Of a time that a clock went through twice they may come side by side.
+    """
     yield _row(["device", "point", "time", "value", "quality"])
     known = await history.series()
     for device, point in points:
         if (device, point) not in known:
             continue
-        begin = _micro(start)
-        while True:
-            samples = await history.range(device, point, begin, _micro(end), AT_ONCE)
+        async for samples in _pages(history, device, point, _micro(start), _micro(end)):
             yield "".join(
                 _row([device, point, utc(at(sample.time)), sample.value, sample.quality.value])
                 for sample in samples
             )
-            if len(samples) < AT_ONCE:
-                break
-            begin = samples[-1].time + 1
+
+
+async def _pages(
+    history: History, device: str, point: str, start: int, end: int
+) -> AsyncIterator[list[Sample]]:
+    """All samples of pieces of the time, one piece after the other, each with not too many.
+
+    Not so many samples after each other: where the clock was put back the same times come twice,
+    and who goes on behind the last one leaves out what came later at an earlier time.
+    """
+    width, most = end - start, AT_ONCE
+    while start < end:
+        until = min(end, start + width)
+        samples = await history.range(device, point, start, until, most)
+        if len(samples) < most:
+            yield samples
+            start, most = until, AT_ONCE
+            if len(samples) < AT_ONCE // 4:
+                width *= 2
+        elif width > 1:
+            width = (until - start) // 2 or 1
+        else:
+            most *= 2
 
 
 def at(microseconds: int) -> datetime:

@@ -12,12 +12,12 @@ from typing import Any, cast
 import aiomqtt
 import pytest
 
-from multidrop.errors import PortError, UsageError
+from multidrop.errors import PortError
 from multidrop.gateway.history.packing import pack
 from multidrop.gateway.history.records import Batch, Span
 from multidrop.gateway.mqtt import outbox as mqtt_outbox
 from multidrop.gateway.mqtt.broker import AT_ONCE
-from multidrop.gateway.mqtt.outbox import KEEP_EVERY, Backlog
+from multidrop.gateway.mqtt.outbox import KEEP_EVERY, LOTS_AT_ONCE, Backlog
 from multidrop.gateway.mqtt.topics import Topics
 from multidrop.gateway.outbox import Outbox
 from unit.gateway.updates import update
@@ -224,11 +224,17 @@ def test_what_was_delivered_leaves_the_disk_while_more_follows(tmp_path: Path) -
     """So a kill in the middle of a long backlog makes a second of it come again, and not all."""
 
     async def test(place: Place) -> None:
-        place.add(*range(4 * AT_ONCE))
+        class Clocked(Client):
+            async def publish(
+                self, topic: str, payload: str, *, qos: int, retain: bool, timeout: float
+            ) -> None:
+                place.now += 0.01
+                await super().publish(topic, payload, qos=qos, retain=retain, timeout=timeout)
+
+        place.add(*range((LOTS_AT_ONCE + 4) * AT_ONCE))
         await place.store()
-        place.now += 10
-        await place.break_off(Client(2 * AT_ONCE))
-        assert place.on_disk() <= 3 * AT_ONCE
+        await place.break_off(Clocked((LOTS_AT_ONCE + 2) * AT_ONCE))
+        assert place.on_disk() <= 4 * AT_ONCE
 
     ran(tmp_path, test)
 
@@ -382,7 +388,7 @@ def test_what_are_no_states_is_not_published(tmp_path: Path, data: bytes) -> Non
         place.outbox.put([(data, 0, 0, 1)])
         place.backlog._behind = True
         with pytest.raises(
-            UsageError, match=r"outbox.db: what waits in it is damaged, or history's"
+            aiomqtt.MqttError, match=r"outbox.db: what waits in it is damaged, or history's"
         ):
             await place.deliver(Client())
 

@@ -126,3 +126,40 @@ def test_a_reload_has_its_turn_behind_each_lot(tmp_path: Path) -> None:
         assert place.backlog.waiting == 2 * AT_ONCE
 
     ran(tmp_path, test)
+
+
+def test_what_is_taken_together_comes_again_from_where_it_was_confirmed(tmp_path: Path) -> None:
+    """And nothing of it is pushed out while it is on its way: it would be sent, and counted as lost."""
+
+    async def test(place: Place) -> None:
+        place.add(*range(6 * AT_ONCE))
+        await place.store()
+        client = await place.break_off(Client(2 * AT_ONCE + 5))
+        assert client.values[: 2 * AT_ONCE] == list(range(2 * AT_ONCE))
+        again = await place.deliver(Client())
+        assert again.values == list(range(2 * AT_ONCE, 6 * AT_ONCE))
+        assert (place.backlog.waiting, place.on_disk()) == (0, 0)
+
+    ran(tmp_path, test)
+
+
+def test_what_is_on_its_way_is_not_pushed_out(tmp_path: Path) -> None:
+    async def test(place: Place) -> None:
+        class Slow(Client):
+            async def publish(
+                self, topic: str, payload: str, *, qos: int, retain: bool, timeout: float
+            ) -> None:
+                await super().publish(topic, payload, qos=qos, retain=retain, timeout=timeout)
+                if len(self.given) == AT_ONCE:
+                    place.add(*range(6 * AT_ONCE, 40 * AT_ONCE))
+                    await place.store()
+
+        place.add(*range(6 * AT_ONCE))
+        await place.store()
+        client = await place.deliver(Slow())
+        gaps = [payload for topic, payload, _ in client.given if topic == "m/gap"]
+        assert gaps
+        assert client.values[: 6 * AT_ONCE] == list(range(6 * AT_ONCE))
+        assert len(client.values) + sum(gap["states"] for gap in gaps) == 40 * AT_ONCE
+
+    ran(tmp_path, test, most=8_000)
