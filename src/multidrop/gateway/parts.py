@@ -20,10 +20,10 @@ PARTS: dict[str, str] = {
 }
 """Table -> module, in the order in which they are started. Imported when needed.
 
-`part(gateway) -> Part` makes it, and raises `PortError` where the disk has no room; `wrong(plant, settings) -> Iterator[str]` says what is wrong with
-its table, key by key; it opens no port, asks no server and changes no file.
+`part(gateway) -> Part` makes it, and raises `PortError` where the disk has no room;
+`wrong(plant, settings) -> Iterator[str]` says what is wrong with its table, key by key; it opens
+no port, asks no server and changes no file.
 """
-
 
 TELLING = ("history", "mqtt")
 """Those that tell how they are, also that they are off: `/api/status` has each of them."""

@@ -191,6 +191,10 @@ async def listen(where: str, answer: Answer) -> TcpListener | PtyListener:
     loop = asyncio.get_running_loop()
     try:
         server = await loop.create_server(lambda: _TcpCaller(answer), host, number)
+    except PermissionError as error:
+        raise PortError(
+            f"cannot listen on {where}: no permission (ports below 1024 are the system's)"
+        ) from error
     except OSError as error:
         cause = port_error(where, error)
         raise PortError(str(cause).replace("cannot open", "cannot listen on")) from error

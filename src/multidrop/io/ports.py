@@ -152,8 +152,8 @@ def port_error(url: str, error: BaseException) -> PortError:
         reason = "connection refused: nothing listens there"
     elif number == errno.ENOENT and re.fullmatch(r"[\w.-]+:[0-9]+", url):
         reason = f"no such port; a device server is tcp://{url}"
-    elif number == errno.EACCES and "://" in url:
-        reason = "no permission (ports below 1024 are the system's)"
+    elif number in (errno.EACCES, errno.EPERM) and "://" in url:  # no group owns it
+        reason = text
     else:
         reason = _REASONS.get(number, text) if number is not None else text
     return PortError(f"cannot open {url}: {reason}")

@@ -47,6 +47,18 @@ def test_a_link_in_a_folder_that_nobody_may_read(
         asyncio.run(listen(f"pty:{tmp_path / 'drive'}", nobody))
 
 
+def test_a_port_that_the_system_keeps_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def forbidden(*arguments: Any) -> Any:
+        raise PermissionError(13, "Permission denied")
+
+    async def main() -> None:
+        monkeypatch.setattr(asyncio.get_running_loop(), "create_server", forbidden)
+        await listen("tcp://127.0.0.1:80", lambda caller: None)  # type: ignore[arg-type, return-value]
+
+    with pytest.raises(PortError, match=r"cannot listen on .*:80: .*below 1024 are the system's"):
+        asyncio.run(main())
+
+
 def test_a_line_for_a_broadcast() -> None:
     assert parse_device("flexmax@x", broadcast=True).address is None
     for text, why in (

@@ -46,9 +46,9 @@ def test_why_a_port_cannot_be_opened(error: BaseException, reason: str) -> None:
     assert str(found).startswith(f"cannot open /dev/ttyUSB0: {reason}")
 
 
-def test_a_port_that_the_system_keeps_for_itself() -> None:
-    found = port_error("tcp://127.0.0.1:80", PermissionError(errno.EACCES, "x"))
-    assert "ports below 1024 are the system's" in str(found)
+def test_no_group_owns_a_port_of_the_network() -> None:
+    found = port_error("tcp://10.0.0.255:4001", PermissionError(errno.EACCES, "Permission denied"))
+    assert str(found) == "cannot open tcp://10.0.0.255:4001: Permission denied"
 
 
 def test_why_a_port_was_lost_without_its_number() -> None:

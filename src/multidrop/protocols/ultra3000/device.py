@@ -228,11 +228,12 @@ class Ultra3000Device(OneByOne):
     def prepare_action(self, name: str) -> Callable[[], Conversation[Frame, Report]]:
         """One of `actions`, by name. Raises `UsageError` with the nearest."""
         known = self.actions
-        if name not in known and name not in self.profile.points and not name.startswith("0x"):
+        try:
+            point = self.point(name)
+        except UsageError:
             raise UsageError(
                 f"there is no action {name!r}{nearest(name, known)}; actions are {', '.join(known)}"
-            )
-        point = self.point(name)
+            ) from None
         if point.kind is not ACTION:
             raise UsageError(f"{point} is no action; actions are {', '.join(known)}")
 
