@@ -203,7 +203,7 @@ def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
 def _check_report(path: Path) -> None:
     """Before anything is sent: a report replaces an older one, and nothing else. Raises `UsageError`."""
     check_place(path, force=True)
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    if path.exists() and not os.access(path, os.W_OK):  # of its folder it is known by now
         raise UsageError(f"{path} cannot be written: {os.strerror(errno.EACCES)}")
     if path.is_file() and path.stat().st_size and not is_report(path):
         raise UsageError(f"{path} is there and no report of the doctor; it is not replaced")

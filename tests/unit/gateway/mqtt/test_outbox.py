@@ -161,15 +161,21 @@ def test_what_was_not_confirmed_comes_again_as_the_same_records(
     ran(tmp_path, test)
 
 
+async def silent_with_two(place: Place) -> tuple[Client, asyncio.Task[Client]]:
+    """A broker that has two states and confirms none, and the delivery that waits for it."""
+    place.add(1, 2)
+    client = Client(0, hangs=True)
+    sending = asyncio.create_task(place.deliver(client))
+    while len(client.given) < 2:
+        await asyncio.sleep(0)
+    return client, sending
+
+
 def test_what_a_silent_broker_has_not_confirmed_is_on_the_disk(tmp_path: Path) -> None:
     """And what it confirms in the end does not come again."""
 
     async def test(place: Place) -> None:
-        place.add(1, 2)
-        client = Client(0, hangs=True)
-        sending = asyncio.create_task(place.deliver(client))
-        while len(client.given) < 2:
-            await asyncio.sleep(0)
+        client, sending = await silent_with_two(place)
         place.add(3)
         await place.store()
         assert place.on_disk() == 3
@@ -184,11 +190,7 @@ def test_what_a_silent_broker_has_not_confirmed_is_on_the_disk(tmp_path: Path) -
 
 def test_what_a_silent_broker_never_confirms_comes_first(tmp_path: Path) -> None:
     async def test(place: Place) -> None:
-        place.add(1, 2)
-        client = Client(0, hangs=True)
-        sending = asyncio.create_task(place.deliver(client))
-        while len(client.given) < 2:
-            await asyncio.sleep(0)
+        _, sending = await silent_with_two(place)
         place.add(3)
         await place.store()
         sending.cancel()
